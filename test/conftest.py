@@ -37,7 +37,7 @@ def pytest_configure(config):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Leave out files without the mark if only fast tests are asked for: importing takes longer."""
+    """Leave out files without the mark if fast tests are asked for: importing takes longer."""
     if config.option.markexpr == 'fast' and collection_path.suffix == '.py':
         return True if FAST not in collection_path.read_text(encoding='utf-8') else None
     return None

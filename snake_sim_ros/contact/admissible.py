@@ -12,35 +12,38 @@ are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is not posit
 
 import math
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import Disc, grip, Laws, natural_map, rolling_disc, sliding_disc
 from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 
 
 @inlined
-def anchor_at_iterate(laws: Laws, closed: Array, contacts: Table) -> None:
+def anchor_at_iterate(laws: Laws, closed: Array, contacts: Contacts) -> None:
     """Fill the anchors with the admissible impulses next to the iterate, in scaled components."""
+    newton = contacts.newton
     for a in closed:
-        P_N = max(0.0, contacts.iterate[a, 0])
-        contacts.anchor[a, 0] = P_N
+        P_N = max(0.0, newton.iterate[a, 0])
+        newton.anchor[a, 0] = P_N
         radius = grip(laws.other, contacts, a) * P_N
-        disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+        disc = sliding_disc(laws, laws.other, a, newton.iterate[a, 1])
         anchor_disc(disc, contacts, a, radius)
         anchor_disc(rolling_disc(laws, laws.other, a), contacts, a, radius)
 
 
 @inlined
-def anchor_disc(disc: Disc, contacts: Table, a: int, radius: float) -> None:
+def anchor_disc(disc: Disc, contacts: Contacts, a: int, radius: float) -> None:
     """Fill the anchor of one kind of friction at contact a, for a disc of given radius [N s]."""
+    newton = contacts.newton
     k = disc.column
-    x, y = disc.over_x * contacts.iterate[a, k], disc.over_y * contacts.iterate[a, k + 1]
+    x, y = disc.over_x * newton.iterate[a, k], disc.over_y * newton.iterate[a, k + 1]
     square = x * x + y * y
     shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
-    contacts.anchor[a, k] = disc.mu_x * shrink * x
-    contacts.anchor[a, k + 1] = disc.mu_y * shrink * y
+    newton.anchor[a, k] = disc.mu_x * shrink * x
+    newton.anchor[a, k + 1] = disc.mu_y * shrink * y
 
 
 @inlined
@@ -58,13 +61,14 @@ def without_gain(problem: Problem, outcome: Outcome) -> Outcome:
 
 
 @compiled
-def power(closed: Array, contacts: Table) -> float:
+def power(closed: Array, contacts: Contacts) -> float:
     """Return ``P . gamma`` of the closed contacts without their shifts [J]."""
+    solution = contacts.solution
     total = 0.0
     for a in closed:
-        total -= contacts.impulse[a, 0] * contacts.shift[a]
+        total -= solution.impulse[a, 0] * solution.shift[a]
         for j in range(5):
-            total += contacts.impulse[a, j] * contacts.gamma[a, j]
+            total += solution.impulse[a, j] * solution.gamma[a, j]
     return total
 
 
@@ -82,13 +86,14 @@ def take_energy(problem: Problem) -> tuple[float, float]:
 
     """
     laws, closed, contacts, chain = problem
+    solution, newton = contacts.solution, contacts.newton
     reset_chain(chain)
     factor_chain(chain)
     for a in closed:
         for j in range(5):
-            P = contacts.impulse[a, j]
-            contacts.iterate[a, j] = P if math.isfinite(P) else 0.0
-            contacts.impulse[a, j] = 0.0
+            P = solution.impulse[a, j]
+            newton.iterate[a, j] = P if math.isfinite(P) else 0.0
+            solution.impulse[a, j] = 0.0
     anchor_at_iterate(laws, closed, contacts)
     end_twists(closed, contacts, chain)
     use_share(1.0, closed, contacts)
@@ -102,8 +107,8 @@ def take_energy(problem: Problem) -> tuple[float, float]:
 
 
 @inlined
-def use_share(share: float, closed: Array, contacts: Table) -> None:
+def use_share(share: float, closed: Array, contacts: Contacts) -> None:
     """Fill the impulses with a share of the anchors."""
     for a in closed:
         for j in range(5):
-            contacts.impulse[a, j] = share * contacts.anchor[a, j]
+            contacts.solution.impulse[a, j] = share * contacts.newton.anchor[a, j]

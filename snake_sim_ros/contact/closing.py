@@ -20,13 +20,14 @@ however small the gap is.
 import math
 from typing import Protocol
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate
 from snake_sim_ros.contact.detection import gap_at, Obstacles, penetration
 from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
 from snake_sim_ros.dynamics.kinematics import keep_coordinates
@@ -50,6 +51,7 @@ GAP_GROWTH = 2.0  # of the largest gap or penetration by such a move, which is e
 # The normal directions of a stiff chain may depend on each other. A little compliance, relative to
 # the Delassus operator, then leaves the smallest impulses.
 COMPLIANCE = 1e-7
+NONE = -math.inf  # tolerance of `keep_closed`
 
 
 def closed_gap(tolerance: float, dt: float) -> float:
@@ -81,7 +83,7 @@ def most_closed(dt: float) -> float:
 
 
 @inlined
-def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -> None:
+def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Contacts) -> None:
     """
     Fill the shifts of contacts that may close in a step of the paper, and add them to gamma_N.
 
@@ -98,20 +100,30 @@ def predict_gaps(closed_gap: float, dt: float, closed: Array, contacts: Table) -
         start; shift, start_gap and approach_velocity are filled.
 
     """
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        gap, way = contacts.gap[a], 0.5 * dt * contacts.gamma[a, 0]
-        contacts.approach_velocity[a] = contacts.gamma[a, 0]
+        gap, way = geometry.gap[a], 0.5 * dt * solution.gamma[a, 0]
+        solution.approach_velocity[a] = solution.gamma[a, 0]
         start = gap - way
-        contacts.start_gap[a] = start if start < -2.0 * abs(way) - DEEP else 0.0
+        geometry.start_gap[a] = start if start < -2.0 * abs(way) - DEEP else 0.0
         if gap > closed_gap:
-            contacts.shift[a] = gap / (0.5 * dt)
-            contacts.gamma[a, 0] += contacts.shift[a]
+            solution.shift[a] = gap / (0.5 * dt)
+            solution.gamma[a, 0] += solution.shift[a]
 
 
 @inlined
-def keep_closed_contacts(closed: Array, contacts: Table) -> int:
+def contacts_land(closed: Array, contacts: Contacts) -> bool:
+    """Return whether a contact with a gap carries load: it closes in the step."""
+    solution, lands = contacts.solution, False
+    for a in closed:
+        lands = lands or (solution.shift[a] > 0.0 and solution.impulse[a, 0] > 0.0)
+    return lands
+
+
+@inlined
+def keep_closed(closed: Array, contacts: Contacts, tolerance: float) -> int:
     """
-    Return how many contacts are closed after contacts with gaps have landed, 0 if none has.
+    Return how many contacts are closed after contacts with gaps have landed.
 
     Deviation: with the velocity that closes its gap, a contact that lands in the second half of a
     step would have a part of its impact in this step and the rest in the next one. Two impacts
@@ -125,18 +137,17 @@ def keep_closed_contacts(closed: Array, contacts: Table) -> int:
     closed, contacts
         Those of a `problem.Problem` that is solved. The numbers of closed contacts are moved to
         the front of `closed`, and their shifts set to 0.
+    tolerance : float
+        Gap at the end up to which a contact without load is closed, too [m]; NONE: no such is.
 
     """
-    lands = False
-    for a in closed:
-        lands = lands or (contacts.shift[a] > 0.0 and contacts.impulse[a, 0] > 0.0)
-    if not lands:
-        return 0
-    count = 0
-    for a in closed:
-        if contacts.shift[a] == 0.0 or contacts.impulse[a, 0] > 0.0:
-            contacts.shift[a] = 0.0
-            closed[count] = a
+    solution, count = contacts.solution, 0
+    for k in range(len(closed)):
+        a = closed[k]
+        loaded = solution.impulse[a, 0] > 0.0 or solution.shift[a] == 0.0
+        if loaded or solution.end_gap[a] <= tolerance:
+            solution.shift[a] = 0.0
+            closed[k], closed[count] = closed[count], a
             count += 1
     return count
 
@@ -192,14 +203,15 @@ def close_step(
 
     """
     _, closed, contacts, chain = problem
+    solution = contacts.solution
     offset, radius = model.robot.contact_offset, model.robot.contact_radius
     for a in closed:
-        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
+        solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
     depth = penetration(model.obstacles, offset, radius, q)
     before = depth_before = math.inf
     for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
         for a in closed:
-            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
+            solution.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
         to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
@@ -232,7 +244,9 @@ def move_links(twist: Array, center: Array, q: Array) -> None:
 
 
 @inlined
-def gaps_to_close(most: float, time: float, closed: Array, contacts: Table) -> tuple[float, float]:
+def gaps_to_close(
+    most: float, time: float, closed: Array, contacts: Contacts
+) -> tuple[float, float]:
     """
     Mark the contacts whose end gaps must be closed by ``S_N = 1``.
 
@@ -248,13 +262,14 @@ def gaps_to_close(most: float, time: float, closed: Array, contacts: Table) -> t
         Largest gap of those that carry load, marked or not [m].
 
     """
+    geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     to_close = worst = 0.0
     for a in closed:
-        contacts.end_gap[a] -= contacts.start_gap[a]
-        gap, is_loaded = abs(contacts.end_gap[a]), contacts.is_loaded[a] == 1
-        way = max(most, -time * contacts.approach_velocity[a])
-        closes = gap <= way and (contacts.end_gap[a] < 0.0 or is_loaded)
-        contacts.S_N[a] = 1.0 if closes else 0.0
+        solution.end_gap[a] -= geometry.start_gap[a]
+        gap, is_loaded = abs(solution.end_gap[a]), solution.is_loaded[a] == 1
+        way = max(most, -time * solution.approach_velocity[a])
+        closes = gap <= way and (solution.end_gap[a] < 0.0 or is_loaded)
+        newton.S_N[a] = 1.0 if closes else 0.0
         if closes:
             to_close = max(to_close, gap)
         if is_loaded and gap < math.inf:  # a sphere that left its cell has none
@@ -287,33 +302,34 @@ def close_gaps(operator: Operator, problem: Problem, h: float) -> None:
 
 @inlined
 def close_condensed(
-    closed: Array, contacts: Table, chain: Chain, delassus: Delassus, h: float
+    closed: Array, contacts: Contacts, chain: Chain, delassus: Delassus, h: float
 ) -> None:
     """Do what `close_gaps` does with the Delassus operator."""
+    solution, newton = contacts.solution, contacts.newton
     B, G, load, X = delassus.system, delassus.operator, chain.free.end_load, delassus.loads
     depth, middle = delassus.depth, 6 + 2 * ((len(chain.axis) + 1) // 2)
     count = 0
     for a in closed:
-        if contacts.S_N[a] > 0.0:
-            column, row = contacts.row[a], 0
+        if newton.S_N[a] > 0.0:
+            column, row = newton.row[a], 0
             for b in closed:
-                if contacts.S_N[b] > 0.0:
-                    B[row, count] = G[contacts.row[b], column]
+                if newton.S_N[b] > 0.0:
+                    B[row, count] = G[newton.row[b], column]
                     row += 1
             B[count, count] *= 1.0 + COMPLIANCE
             count += 1
     row = 0
     for a in closed:
-        if contacts.S_N[a] > 0.0:
-            B[row, count] = -contacts.end_gap[a] / h
+        if newton.S_N[a] > 0.0:
+            B[row, count] = -solution.end_gap[a] / h
             row += 1
     eliminate(B, count)
     for m in range(len(load)):
         load[m] = 0.0
     row = 0
     for a in closed:
-        if contacts.S_N[a] > 0.0:
-            column = contacts.row[a]
+        if newton.S_N[a] > 0.0:
+            column = newton.row[a]
             for m in range(6 + 2 * depth[column, 0]):
                 load[m] += X[column, m] * B[row, count]
             for m in range(middle, middle + 2 * depth[column, 1]):
@@ -326,22 +342,23 @@ def close_condensed(
 def close_on_links(problem: Problem, h: float) -> None:
     """Do what `close_gaps` does by a sweep over the chain, with stiff linear laws."""
     laws, closed, contacts, chain = problem
+    solution, newton = contacts.solution, contacts.newton
     for i in range(len(chain.momentum)):
         for k in range(6):
             chain.momentum[i, k] = 0.0
     for j in range(len(chain.torque)):
         chain.torque[j, 0] = chain.torque[j, 1] = 0.0
     for a in closed:
-        S_N = contacts.S_N[a] / laws.proximal_compliance
+        S_N = newton.S_N[a] / laws.proximal_compliance
         # A sphere that has left its cell has an infinite gap, and nothing to close.
-        gap = contacts.end_gap[a] if math.isfinite(contacts.end_gap[a]) else 0.0
-        contacts.S_N[a], contacts.trial[a, 0] = S_N, 0.0
-        contacts.law_impulse[a, 0] = -S_N * gap / h
-        contacts.P_0[a, 0] = contacts.law_impulse[a, 0]
-        contacts.shift[a] = 0.0
+        gap = solution.end_gap[a] if math.isfinite(solution.end_gap[a]) else 0.0
+        newton.S_N[a], newton.trial[a, 0] = S_N, 0.0
+        newton.law_impulse[a, 0] = -S_N * gap / h
+        newton.P_0[a, 0] = newton.law_impulse[a, 0]
+        solution.shift[a] = 0.0
         for kind in range(2):
-            contacts.S_xx[a, kind] = contacts.S_xy[a, kind] = contacts.S_yy[a, kind] = 0.0
-            contacts.S_xN[a, kind] = contacts.S_yN[a, kind] = 0.0
+            newton.S_xx[a, kind] = newton.S_xy[a, kind] = newton.S_yy[a, kind] = 0.0
+            newton.S_xN[a, kind] = newton.S_yN[a, kind] = 0.0
         for k in range(1, 5):
-            contacts.P_0[a, k] = contacts.law_impulse[a, k] = contacts.trial[a, k] = 0.0
+            newton.P_0[a, k] = newton.law_impulse[a, k] = newton.trial[a, k] = 0.0
     solve_linear(problem, True)

@@ -12,7 +12,7 @@ a contact go to the root of the chain together, and leave loads on the way. Thes
 the joints that both have to pass. G is symmetric to the last bit.
 
 `closed`, `contacts` and `chain` are those of a `problem.Problem`. The number of components of a
-contact is `width`: 3, or 5 with rolling friction. `contacts.shift` is in none of the arrays here,
+contact is `width`: 3, or 5 with rolling friction. `solution.shift` is in none of the arrays here,
 so that it may change while they serve.
 """
 
@@ -20,23 +20,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.dynamics.articulated_body import add, Chain, solve_chain
-from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, Packs, pair, Table
+from snake_sim_ros.dynamics.articulated_body import Chain, solve_chain
+from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, Packs, pair
 from snake_sim_ros.dynamics.free_chain import (
     factor_free,
     fold_wrench,
     FreeChain,
     joint_column,
     root_load,
-    scaled,
     unfold_free,
 )
+from snake_sim_ros.dynamics.spatial_vectors import add, scaled
 from snake_sim_ros.scene.parameters import Array
 
 
 class Delassus(NamedTuple):
-    """Arrays for c rows; component j of contact a has the row ``contacts.row[a] + j``."""
+    """Arrays for c rows; component j of contact a has the row ``contacts.newton.row[a] + j``."""
 
     operator: Array  # (c, c) G [1/kg]
     system: Array  # (c, c+1) matrix and right side of a linear system
@@ -59,7 +60,7 @@ def make_delassus(rows: int, links: int) -> Delassus:
 
 
 @inlined
-def fill_wrenches(closed: Array, contacts: Table, chain: Chain) -> None:
+def fill_wrenches(closed: Array, contacts: Contacts, chain: Chain) -> None:
     """
     Fill the wrenches of the links with momentum and contact impulses S, eqs. (75), (76).
 
@@ -72,7 +73,7 @@ def fill_wrenches(closed: Array, contacts: Table, chain: Chain) -> None:
 
 
 @compiled
-def end_twists(closed: Array, contacts: Table, chain: Chain) -> None:
+def end_twists(closed: Array, contacts: Contacts, chain: Chain) -> None:
     """
     Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).
 
@@ -85,7 +86,7 @@ def end_twists(closed: Array, contacts: Table, chain: Chain) -> None:
 
 @inlined
 def condensed_twists(
-    closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus
+    closed: Array, width: int, contacts: Contacts, chain: Chain, delassus: Delassus
 ) -> None:
     """Fill the twists of all links that momentum, torques and contact impulses lead to."""
     X, load, depth = delassus.loads, chain.free.end_load, delassus.depth
@@ -93,7 +94,7 @@ def condensed_twists(
     for m in range(len(load)):
         load[m] = chain.free.load[m]
     for a in closed:
-        row, P = contacts.row[a], contacts.impulse[a]
+        row, P = contacts.newton.row[a], contacts.solution.impulse[a]
         end, last = 6 + 2 * depth[row, 0], middle + 2 * depth[row, 1]
         if P[0] != 0.0 or P[1] != 0.0 or P[2] != 0.0:
             for m in range(end):
@@ -109,41 +110,47 @@ def condensed_twists(
 
 
 @inlined
-def fill_free_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
+def fill_free_velocities(
+    closed: Array, width: int, contacts: Contacts, delassus: Delassus
+) -> None:
     """Fill delassus.packed with ``gamma_free + shift``."""
     for a in closed:
-        row = contacts.row[a]
+        row = contacts.newton.row[a]
         for i in range(width):
             delassus.packed[row + i] = delassus.free_velocity[row + i]
-        delassus.packed[row] += contacts.shift[a]
+        delassus.packed[row] += contacts.solution.shift[a]
 
 
 @inlined
-def condensed_velocities(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
+def condensed_velocities(
+    closed: Array, width: int, contacts: Contacts, delassus: Delassus
+) -> None:
     """
     Fill the relative velocities with ``G P + gamma_free + shift``.
 
     ``delassus.packed`` is filled with the velocities, too.
     """
+    solution, newton = contacts.solution, contacts.newton
     G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
     for b in closed:
         for j in range(width):
-            P = contacts.impulse[b, j]
+            P = solution.impulse[b, j]
             if P != 0.0:
-                column = contacts.row[b] + j  # G is symmetric
+                column = newton.row[b] + j  # G is symmetric
                 for a in closed:
-                    row = contacts.row[a]
+                    row = newton.row[a]
                     for i in range(width):
                         packed[row + i] += G[column, row + i] * P
     for a in closed:
         for j in range(width):
-            contacts.gamma[a, j] = packed[contacts.row[a] + j]
+            solution.gamma[a, j] = packed[newton.row[a] + j]
 
 
 @merged
-def condensed_system(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
+def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: Delassus) -> None:
     """Fill ``delassus.system`` with the matrix 1 + S G, and S gamma_free beside it."""
+    newton = contacts.newton
     rows = width * len(closed)
     B = delassus.system
     for column in range(rows + 1):
@@ -151,16 +158,16 @@ def condensed_system(closed: Array, width: int, contacts: Table, delassus: Delas
         for k, a in enumerate(closed):
             row = width * k
             g_N = g[row]
-            B[row, column] = contacts.S_N[a] * g_N
+            B[row, column] = newton.S_N[a] * g_N
             for j in range(1, width, 2):
                 kind = j // 2
                 g_x, g_y = g[row + j], g[row + j + 1]
                 S_xx, S_xy, S_yy = (
-                    contacts.S_xx[a, kind],
-                    contacts.S_xy[a, kind],
-                    contacts.S_yy[a, kind],
+                    newton.S_xx[a, kind],
+                    newton.S_xy[a, kind],
+                    newton.S_yy[a, kind],
                 )
-                S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
+                S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
     for row in range(rows):
@@ -190,7 +197,9 @@ def eliminate(B: Array, rows: int) -> None:
 
 
 @inlined
-def condense(closed: Array, width: int, contacts: Table, chain: Chain, delassus: Delassus) -> None:
+def condense(
+    closed: Array, width: int, contacts: Contacts, chain: Chain, delassus: Delassus
+) -> None:
     """
     Factor the chain without contacts, and fill the Delassus operator and the free velocities.
 
@@ -202,23 +211,33 @@ def condense(closed: Array, width: int, contacts: Table, chain: Chain, delassus:
     middle = 6 + 2 * ((joints + 1) // 2)
     for k, a in enumerate(closed):
         row = width * k
-        contacts.row[a] = row
+        contacts.newton.row[a] = row
         fill_loads(contacts, a, width, chain, X, depth[row])
         end, last = 6 + 2 * depth[row, 0], middle + 2 * depth[row, 1]
         for j in range(0, width, 2):
-            fill_velocities(delassus.free_velocity, X, chain.free.load, row + j, end, middle, last)
+            columns = Columns(end, middle, last)
+            fill_velocities(delassus.free_velocity, X, chain.free.load, row + j, columns)
         for other in range(0, row + 1, width):
             end = 6 + 2 * min(depth[row, 0], depth[other, 0])
             last = middle + 2 * min(depth[row, 1], depth[other, 1])
-            fill_block(G, X, row, other, end, middle, last)
+            columns = Columns(end, middle, last)
+            fill_block(G, X, row, other, columns)
             for j in range(3, width):
                 for i in range(width):
-                    fill_entry(G, X, row + j, other + i, end, middle, last)
-                    fill_entry(G, X, row + i, other + j, end, middle, last)
+                    fill_entry(G, X, row + j, other + i, columns)
+                    fill_entry(G, X, row + i, other + j, columns)
+
+
+class Columns(NamedTuple):
+    """Where loads may be other than 0: in X[:, :end] and X[:, middle:last]."""
+
+    end: int
+    middle: int
+    last: int
 
 
 @inlined
-def fill_block(G: Array, X: Array, row: int, other: int, end: int, middle: int, last: int) -> None:
+def fill_block(G: Array, X: Array, row: int, other: int, columns: Columns) -> None:
     """
     Fill the entries of G for normal and sliding components of two contacts.
 
@@ -229,18 +248,18 @@ def fill_block(G: Array, X: Array, row: int, other: int, end: int, middle: int, 
         Loads of unit impulses.
     row, other : int
         First rows of the contacts.
-    end, middle, last : int
-        Both contacts have loads in X[:, :end] and X[:, middle:last].
+    columns : Columns
+        Those of both contacts.
 
     """
     o = four(0.0, 0.0, 0.0, 0.0)
     x, y, z = o, o, o
-    for m in range(end):
+    for m in range(columns.end):
         loads = four(X[other, m], X[other + 1, m], X[other + 2, m], 0.0)
         x = x + X[row, m] * loads
         y = y + X[row + 1, m] * loads
         z = z + X[row + 2, m] * loads
-    for m in range(middle, last):
+    for m in range(columns.middle, columns.last):
         loads = four(X[other, m], X[other + 1, m], X[other + 2, m], 0.0)
         x = x + X[row, m] * loads
         y = y + X[row + 1, m] * loads
@@ -254,38 +273,37 @@ def fill_block(G: Array, X: Array, row: int, other: int, end: int, middle: int, 
 
 
 @inlined
-def fill_velocities(
-    velocity: Array, X: Array, load: Array, row: int, end: int, middle: int, last: int
-) -> None:
+def fill_velocities(velocity: Array, X: Array, load: Array, row: int, columns: Columns) -> None:
     """Fill the velocities of two components of a contact that loads cause; see `fill_block`."""
     both = pair(0.0, 0.0)
-    for m in range(end):
+    for m in range(columns.end):
         both = both + load[m] * pair(X[row, m], X[row + 1, m])
-    for m in range(middle, last):
+    for m in range(columns.middle, columns.last):
         both = both + load[m] * pair(X[row, m], X[row + 1, m])
     velocity[row], velocity[row + 1] = both[0], both[1]
 
 
 @compiled
-def fill_entry(G: Array, X: Array, i: int, j: int, end: int, middle: int, last: int) -> None:
+def fill_entry(G: Array, X: Array, i: int, j: int, columns: Columns) -> None:
     """Fill an entry of G and its mirror image; see `fill_block`."""
     entry = 0.0
-    for m in range(end):
+    for m in range(columns.end):
         entry += X[i, m] * X[j, m]
-    for m in range(middle, last):
+    for m in range(columns.middle, columns.last):
         entry += X[i, m] * X[j, m]
     G[i, j] = G[j, i] = entry
 
 
 @inlined
-def fill_loads(contacts: Table, a: int, width: int, chain: Chain, X: Array, depth: Array) -> None:
+def fill_loads(
+    contacts: Contacts, a: int, width: int, chain: Chain, X: Array, depth: Array
+) -> None:
     """
     Fill the loads of unit impulses at contact a, and how many joints of both arms they pass.
 
     Parameters
     ----------
-    contacts : record array, shape (contacts,)
-        Table of contacts.
+    contacts : Contacts
     a, width : int
         Number of the contact, and of its components.
     chain : Chain
@@ -296,43 +314,44 @@ def fill_loads(contacts: Table, a: int, width: int, chain: Chain, X: Array, dept
         Filled.
 
     """
-    n, row = len(chain.twist), contacts.row[a]
+    geometry, newton = contacts.geometry, contacts.newton
+    n, row = len(chain.twist), newton.row[a]
     root = n // 2
     i, other = link_and_other(chain.frame, contacts, n, a)
-    force, turn = unit_wrenches(contacts.point, contacts, chain.frame, a)
+    force, turn = unit_wrenches(geometry.point, contacts, chain.frame, a)
     depth[0], depth[1] = max(0, root - i), max(0, i - root)
     # Variables, because Numba would compile `carry_to_root` once for each literal.
     count, adds = min(width, 3), other >= 0
     if adds:
         depth[0], depth[1] = max(depth[0], root - other), max(depth[1], other - root)
         X[row : row + width] = 0.0
-        minus, _ = unit_wrenches(contacts.other_point, contacts, chain.frame, a)
+        minus, _ = unit_wrenches(geometry.other_point, contacts, chain.frame, a)
         minus = scaled(-1.0, minus)
-        minus = carry_to_root(other, minus, count, chain.free, X, row, adds)
-        force = add(minus, carry_to_root(i, force, count, chain.free, X, row, adds))
+        minus = carry_to_root(chain.free, other, minus, X, (row, count), adds)
+        force = add(minus, carry_to_root(chain.free, i, force, X, (row, count), adds))
     else:
-        force = carry_to_root(i, force, count, chain.free, X, row, adds)
+        force = carry_to_root(chain.free, i, force, X, (row, count), adds)
     load = root_load(chain.free.root, force)
     for m in range(6):
         X[row, m], X[row + 1, m], X[row + 2, m] = load[m][0], load[m][1], load[m][2]
     if width > 3:
-        turn = carry_to_root(i, turn, width - 3, chain.free, X, row + 3, adds)
+        turn = carry_to_root(chain.free, i, turn, X, (row + 3, width - 3), adds)
         load = root_load(chain.free.root, turn)
         for m in range(6):
             X[row + 3, m], X[row + 4, m] = load[m][0], load[m][1]
 
 
 @inlined
-def link_and_other(frame: Array | None, contacts: Table, n: int, a: int) -> tuple[int, int]:
+def link_and_other(frame: Array | None, contacts: Contacts, n: int, a: int) -> tuple[int, int]:
     """Return the link of contact a, and the one that it touches or -1."""
     if frame is None:
         return (a if a < n else a - n), -1
-    return contacts.link[a], contacts.other_link[a]
+    return contacts.geometry.link[a], contacts.geometry.other_link[a]
 
 
 @inlined
 def unit_wrenches(
-    point: Array, contacts: Table, frame: Array | None, a: int
+    point: Array, contacts: Contacts, frame: Array | None, a: int
 ) -> tuple[Packs, Packs]:
     """
     Return the wrenches of unit impulses at contact a.
@@ -341,8 +360,7 @@ def unit_wrenches(
     ----------
     point : ndarray, shape (contacts, 3)
         Contact points of one link, from O in axes of I [m].
-    contacts : record array, shape (contacts,)
-        Table of contacts.
+    contacts : Contacts
     frame : ndarray, shape (contacts, 3, 3), or None
         Contact frames in I; None on a flat floor.
     a : int
@@ -356,9 +374,10 @@ def unit_wrenches(
         Those of both rolling components.
 
     """
-    p, r, o = point[a], contacts.radius[a], four(0.0, 0.0, 0.0, 0.0)
+    geometry = contacts.geometry
+    p, r, o = point[a], geometry.radius[a], four(0.0, 0.0, 0.0, 0.0)
     if frame is None:
-        c, s = contacts.heading[a, 0], contacts.heading[a, 1]
+        c, s = geometry.heading[a, 0], geometry.heading[a, 1]
         x, y, z = four(0.0, c, -s, 0.0), four(0.0, s, c, 0.0), four(1.0, 0.0, 0.0, 0.0)
         turn = four(0.0, r, 0.0, 0.0), four(-r, 0.0, 0.0, 0.0), o, o, o, o
     else:
@@ -377,29 +396,27 @@ def unit_wrenches(
 
 @inlined
 def carry_to_root(
-    i: int, w: Packs, count: int, free: FreeChain, X: Array, row: int, adds: bool
+    free: FreeChain, i: int, w: Packs, X: Array, rows: tuple[int, int], adds: bool
 ) -> Packs:
     """
     Return what the root feels of wrenches on link i; fill their loads on the way.
 
     Parameters
     ----------
+    free : FreeChain
     i : int
         Number of the link.
     w : tuple of 6 `four`
         Wrenches.
-    count : int
-        Number of wrenches: 2 or 3.
-    free : FreeChain
     X : ndarray, shape (c, 2n+4)
         Loads.
-    row : int
-        Row of X for the first wrench.
+    rows : tuple of int
+        Row of X for the first wrench, and number of wrenches: 2 or 3.
     adds : bool
         Whether loads are added to those in X.
 
     """
-    n = len(free.axis) + 1
+    n, (row, count) = len(free.axis) + 1, rows
     root = n // 2
     while i != root:
         j = i if i < root else i - 1

@@ -19,9 +19,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
 from snake_sim_ros.dynamics.mechanism import Mechanism
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -29,9 +31,7 @@ LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in
 
 
 @inlined
-def fill_contact_frame(
-    frame: Array, normal: tuple[float, float, float], axis: tuple[float, float, float]
-) -> None:
+def fill_contact_frame(frame: Array, normal: Three, axis: Three) -> None:
     """
     Fill a frame with the normal, e_x along a link and e_y across it, both in the tangent plane.
 
@@ -53,16 +53,14 @@ def fill_contact_frame(
 
 
 @inlined
-def tangential_part(
-    normal: tuple[float, float, float], v: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def tangential_part(normal: Three, v: Three) -> Three:
     """Return v without its part along the normal."""
     along = normal[0] * v[0] + normal[1] * v[1] + normal[2] * v[2]
     return v[0] - along * normal[0], v[1] - along * normal[1], v[2] - along * normal[2]
 
 
 @inlined
-def set_axis(frame: Array, k: int, v: tuple[float, float, float]) -> None:
+def set_axis(frame: Array, k: int, v: Three) -> None:
     """Write the vector v to frame[k]."""
     frame[k, 0], frame[k, 1], frame[k, 2] = v
 
@@ -94,9 +92,9 @@ def patch_factor(patches: Any, x: float, y: float) -> float:
 
 
 @inlined
-def fill_grip(patches: Any, contacts: Table, a: int, x: float, y: float) -> None:
+def fill_grip(patches: Any, contacts: Contacts, a: int, x: float, y: float) -> None:
     """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
-    contacts.grip[a] = patch_factor(patches, x, y)
+    contacts.geometry.grip[a] = patch_factor(patches, x, y)
 
 
 class Obstacles(NamedTuple):
@@ -138,13 +136,25 @@ def reach_of_step(closed_gap: float, time: float) -> float:
     return max(closed_gap, LANDING_SPEED * time) if closed_gap > 0.0 else 0.0
 
 
+class Pose(NamedTuple):
+    """Where the links are."""
+
+    q: Array  # (n, 7) link centers [m, frame I] and unit Euler parameters
+    R: Array  # (n, 3, 3) link frames in I
+    center: Array  # (n, 3) link centers from O, in axes of I [m]
+
+
+class Found(NamedTuple):
+    """What detection fills."""
+
+    closed: Array  # (contacts,) numbers of the closed contacts, the first ones
+    contacts: Contacts  # gaps, points, radii and links of the closed ones
+    frame: Any  # (contacts, 3, 3) contact frames in I; None on a flat floor
+
+
 @inlined
 def find_contacts(
-    obstacles: Obstacles | None,
-    tolerance: float,
-    robot: Mechanism,
-    pose: tuple[Array, Array, Array],
-    found: tuple[Array, Table, Array | None],
+    obstacles: Obstacles | None, tolerance: float, robot: Mechanism, pose: Pose, found: Found
 ) -> int:
     """
     Fill the closed contacts, their points and frames.
@@ -159,12 +169,9 @@ def find_contacts(
         Gap up to which a contact counts as closed [m].
     robot : Mechanism
         Offsets and radii of the contact spheres [m].
-    pose : tuple of ndarray, shapes (n, 7), (n, 3, 3), (n, 3)
-        Link centers [m, frame I] and unit Euler parameters, link frames in I, and link centers
-        from O [m, axes of I].
-    found : tuple
-        Filled: numbers of the closed contacts, the table of contacts, and their frames as in
-        `articulated_body.Chain`.
+    pose : Pose
+    found : Found
+        Filled.
 
     Returns
     -------
@@ -172,92 +179,60 @@ def find_contacts(
         Number of closed contacts.
 
     """
-    offset, radius = robot.contact_offset, robot.contact_radius
-    (q, R, center), (closed, contacts, frame) = pose, found
     if obstacles is None:
-        return find_floor_contacts(tolerance, offset, radius, q[:, 2], R, center, closed, contacts)
-    return find_obstacle_contacts(
-        obstacles, tolerance, offset, radius, q, R, center, closed, contacts, frame
-    )
+        return find_floor_contacts(tolerance, robot, pose, found)
+    return find_obstacle_contacts(obstacles, tolerance, robot, pose, found)
 
 
 @merged
-def find_floor_contacts(
-    tolerance: float,
-    offset: Array,
-    radius: Array,
-    height: Array,
-    R: Array,
-    center: Array,
-    closed: Array,
-    contacts: Table,
-) -> int:
+def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: Found) -> int:
     """
     Fill the closed contacts with a flat floor; return how many they are.
+
+    Parameters are those of `find_contacts`.
 
     Deviation: contacts up to a gap of `tolerance` [m], not of 0, take part; see `closing`.
 
     Deviation: a vertical link has no heading; e_x^I replaces it.
-
-    Parameters
-    ----------
-    tolerance : float
-        Gap up to which a contact counts as closed [m].
-    offset, radius : ndarray, shape (n,)
-        Distance of the contact spheres from the link center, and their radii [m].
-    height : ndarray, shape (n,)
-        Heights of the link centers [m].
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
-    center : ndarray, shape (n, 3)
-        Link centers from O, in axes of I [m].
-    closed : ndarray of int, shape (contacts,)
-        Filled with the numbers of the closed contacts.
-    contacts : record array, shape (contacts,)
-        Table of contacts; gaps, points, radii and links of the closed ones are filled.
-
     """
+    offset, radius = robot.contact_offset, robot.contact_radius
+    q, R, center, closed, contacts = pose.q, pose.R, pose.center, found.closed, found.contacts
+    geometry, solution = contacts.geometry, contacts.solution
     n = len(R)
     count = 0
     for i in range(n):
         x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for a, signed in ((i, offset[i]), (n + i, -offset[i])):
-            gap = height[i] + signed * z - radius[i]
-            if gap <= tolerance or contacts.takes_part[a] == 1:
+            gap = q[i, 2] + signed * z - radius[i]
+            if gap <= tolerance or geometry.takes_part[a] == 1:
                 closed[count] = a
                 count += 1
-                contacts.gap[a] = gap
-                contacts.shift[a] = 0.0
+                geometry.gap[a] = gap
+                solution.shift[a] = 0.0
                 c = math.sqrt(x * x + y * y)
                 flat = c > 1e-6
-                contacts.heading[a, 0] = x / c if flat else 1.0
-                contacts.heading[a, 1] = y / c if flat else 0.0
-                contacts.point[a, 0] = center[i, 0] + signed * x
-                contacts.point[a, 1] = center[i, 1] + signed * y
-                contacts.point[a, 2] = center[i, 2] + signed * z - radius[i]
-                contacts.radius[a] = radius[i]
+                geometry.heading[a, 0] = x / c if flat else 1.0
+                geometry.heading[a, 1] = y / c if flat else 0.0
+                geometry.point[a, 0] = center[i, 0] + signed * x
+                geometry.point[a, 1] = center[i, 1] + signed * y
+                geometry.point[a, 2] = center[i, 2] + signed * z - radius[i]
+                geometry.radius[a] = radius[i]
     return count
 
 
 @merged
 def find_obstacle_contacts(
-    obstacles: Obstacles,
-    tolerance: float,
-    offset: Array,
-    radius: Array,
-    q: Array,
-    R: Array,
-    center: Array,
-    closed: Array,
-    contacts: Table,
-    frame: Array,
+    obstacles: Obstacles, tolerance: float, robot: Mechanism, pose: Pose, found: Found
 ) -> int:
     """
     Fill the closed contacts with ground, pegs and other links; return how many they are.
 
-    Parameters are those of `find_floor_contacts`, with the coordinates q, shape (n, 7), in place
-    of the heights. `frame`, shape (contacts, 3, 3), is filled with contact frames in I.
+    Parameters are those of `find_contacts`.
     """
+    offset, radius = robot.contact_offset, robot.contact_radius
+    q, R, center = pose.q, pose.R, pose.center
+    closed, contacts, frame = found.closed, found.contacts, found.frame
+    geometry = contacts.geometry
     n, count = len(R), 0
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -267,37 +242,37 @@ def find_obstacle_contacts(
             for k in range(4):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius[i], k)
                 a = (side if k == 0 else 1 + 3 * side + k) * n + i
-                if gap <= tolerance or (gap < math.inf and contacts.takes_part[a] == 1):
+                if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
                     closed[count] = a
                     count += 1
-                    place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, nz))
-                    contacts.link[a], contacts.other_link[a] = i, -1
+                    place_contact(
+                        contacts, a, gap, radius[i], on_axis(center[i], arm, axis), (nx, ny, nz)
+                    )
+                    geometry.link[a], geometry.other_link[a] = i, -1
                     fill_grip(obstacles.patches, contacts, a, x, y)
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
             a = obstacles.first_peg + k * n + i
             reach = offset[i] + radius[i] + peg_radius + tolerance
-            asked = contacts.takes_part[a] == 1
+            asked = geometry.takes_part[a] == 1
             if not asked and (px - q[i, 0]) ** 2 + (py - q[i, 1]) ** 2 > reach * reach:
                 continue
-            arm, distance, nx, ny = peg_contact(
-                q[i, 0], q[i, 1], axis[0], axis[1], offset[i], px, py
-            )
+            link = q[i, 0], q[i, 1]
+            arm, distance, nx, ny = peg_contact(link, (axis[0], axis[1]), offset[i], (px, py))
             gap = distance - peg_radius - radius[i]
             if gap <= tolerance or asked:
                 closed[count] = a
                 count += 1
-                place_contact(contacts, a, gap, arm, radius[i], axis, center[i], (nx, ny, 0.0))
-                contacts.link[a], contacts.other_link[a] = i, -1
+                place_contact(
+                    contacts, a, gap, radius[i], on_axis(center[i], arm, axis), (nx, ny, 0.0)
+                )
+                geometry.link[a], geometry.other_link[a] = i, -1
                 set_axis(frame[a], 0, (nx, ny, 0.0))
                 set_axis(frame[a], 1, (-ny, nx, 0.0))
                 set_axis(frame[a], 2, (0.0, 0.0, 1.0))
     if obstacles.pair_count > 0:
-        count = find_pair_contacts(
-            obstacles.first_pair, tolerance, offset, radius, q, R, center, closed, contacts, frame,
-            count,
-        )  # fmt: skip
+        count = find_pair_contacts(obstacles.first_pair, tolerance, robot, pose, found, count)
     return count
 
 
@@ -367,21 +342,21 @@ def cell_top(obstacles: Obstacles, column: int, row: int) -> float:
 
 @inlined
 def peg_contact(
-    x: float, y: float, axis_x: float, axis_y: float, half: float, peg_x: float, peg_y: float
+    link: tuple[float, float], axis: tuple[float, float], half: float, peg: tuple[float, float]
 ) -> tuple[float, float, float, float]:
     """
     Return where the axis of a link is nearest to the axis of a peg, seen from above.
 
     Parameters
     ----------
-    x, y : float
-        Center of the link in I [m].
-    axis_x, axis_y : float
+    link : tuple of float
+        Center of the link in I: x, y [m].
+    axis : tuple of float
         Horizontal part of the unit vector along the link; its length is 1 for a flat link.
     half : float
         Half the length of the axis [m].
-    peg_x, peg_y : float
-        Axis of the peg in I [m].
+    peg : tuple of float
+        Axis of the peg in I: x, y [m].
 
     Returns
     -------
@@ -393,7 +368,8 @@ def peg_contact(
         Unit vector from the peg to this point, in I.
 
     """
-    apart_x, apart_y = peg_x - x, peg_y - y
+    axis_x, axis_y = axis
+    apart_x, apart_y = peg[0] - link[0], peg[1] - link[1]
     square = axis_x * axis_x + axis_y * axis_y
     along = (apart_x * axis_x + apart_y * axis_y) / square if square > 1e-12 else 0.0
     arm = min(max(along, -half), half)
@@ -406,25 +382,19 @@ def peg_contact(
 
 @merged
 def find_pair_contacts(
-    a: int,
-    tolerance: float,
-    offset: Array,
-    radius: Array,
-    q: Array,
-    R: Array,
-    center: Array,
-    closed: Array,
-    contacts: Table,
-    frame: Array,
-    count: int,
+    a: int, tolerance: float, robot: Mechanism, pose: Pose, found: Found, count: int
 ) -> int:
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
     They are numbered from a on, and follow `count` closed ones found before. Both links feel a
     force at one point in space, with levers from their own centers in q: these are elsewhere than
-    in `center` where joints are open. Other parameters are those of `find_obstacle_contacts`.
+    in `center` where joints are open. Other parameters are those of `find_contacts`.
     """
+    offset, radius = robot.contact_offset, robot.contact_radius
+    q, R, center = pose.q, pose.R, pose.center
+    closed, contacts, frame = found.closed, found.contacts, found.frame
+    geometry = contacts.geometry
     n = len(R)
     for i in range(n):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -433,7 +403,7 @@ def find_pair_contacts(
             reach = offset[i] + offset[j] + radius[i] + radius[j] + tolerance
             asked = False
             for side in range(4):
-                asked = asked or contacts.takes_part[a + side] == 1
+                asked = asked or geometry.takes_part[a + side] == 1
             if not asked and x * x + y * y + z * z > reach * reach:
                 a += 4
                 continue
@@ -445,37 +415,39 @@ def find_pair_contacts(
                 dz = z + arm * axis[2] - other * R[j, 2, 2]
                 distance = math.sqrt(dx * dx + dy * dy + dz * dz)
                 gap = distance - radius[i] - radius[j]
-                if gap <= tolerance or contacts.takes_part[a] == 1:
+                if gap <= tolerance or geometry.takes_part[a] == 1:
                     closed[count] = a
                     count += 1
                     normal = dx / distance, dy / distance, dz / distance
-                    place_contact(contacts, a, gap, arm, radius[i], axis, center[i], normal)
+                    place_contact(
+                        contacts, a, gap, radius[i], on_axis(center[i], arm, axis), normal
+                    )
                     for k in range(3):
                         apart = (q[i, k] - q[j, k]) - (center[i, k] - center[j, k])
-                        contacts.other_point[a, k] = contacts.point[a, k] + apart
-                    contacts.link[a], contacts.other_link[a] = i, j
+                        geometry.other_point[a, k] = geometry.point[a, k] + apart
+                    geometry.link[a], geometry.other_link[a] = i, j
                     fill_contact_frame(frame[a], normal, axis)
                 a += 1
     return count
 
 
 @inlined
+def on_axis(center: Array, arm: float, axis: Three) -> Three:
+    """Return the point of a link axis that is beside the center (3,) of the link by an arm [m]."""
+    return center[0] + arm * axis[0], center[1] + arm * axis[1], center[2] + arm * axis[2]
+
+
+@inlined
 def place_contact(
-    contacts: Table,
-    a: int,
-    gap: float,
-    arm: float,
-    radius: float,
-    axis: tuple[float, float, float],
-    center: Array,
-    normal: tuple[float, float, float],
+    contacts: Contacts, a: int, gap: float, radius: float, sphere: Three, normal: Three
 ) -> None:
-    """Fill gap, radius and point of contact a, on a sphere around a point of the link axis."""
-    contacts.gap[a] = gap
-    contacts.shift[a] = 0.0
-    contacts.radius[a] = radius
+    """Fill gap, radius and point of contact a, on a sphere whose center is given from O."""
+    geometry, solution = contacts.geometry, contacts.solution
+    geometry.gap[a] = gap
+    solution.shift[a] = 0.0
+    geometry.radius[a] = radius
     for k in range(3):
-        contacts.point[a, k] = center[k] + arm * axis[k] - radius * normal[k]
+        geometry.point[a, k] = sphere[k] - radius * normal[k]
 
 
 @inlined
@@ -511,10 +483,8 @@ def obstacle_penetration(obstacles: Obstacles, offset: Array, radius: Array, q: 
                 gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
                 lowest = min(lowest, gap)
         for k in range(len(obstacles.pegs)):
-            _, distance, _, _ = peg_contact(
-                q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
-                obstacles.pegs[k, 0], obstacles.pegs[k, 1],
-            )  # fmt: skip
+            peg = obstacles.pegs[k, 0], obstacles.pegs[k, 1]
+            _, distance, _, _ = peg_contact((q[i, 0], q[i, 1]), (axis[0], axis[1]), offset[i], peg)
             lowest = min(lowest, distance - obstacles.pegs[k, 2] - radius[i])
         if obstacles.pair_count > 0:
             for j in range(i + 2, len(q)):
@@ -530,12 +500,12 @@ def obstacle_penetration(obstacles: Obstacles, offset: Array, radius: Array, q: 
 
 @inlined
 def gap_at(
-    obstacles: Obstacles | None, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+    obstacles: Obstacles | None, offset: Array, radius: Array, q: Array, contacts: Contacts, a: int
 ) -> float:
     """
     Return the gap of contact a [m], infinite where a cell has no contact.
 
-    Parameters are those of `penetration`, with the table of contacts: its links are read for
+    Parameters are those of `penetration`, with the contacts: their links are read for
     contacts that have frames.
     """
     n = len(q)
@@ -547,13 +517,13 @@ def gap_at(
 
 @merged
 def obstacle_gap(
-    obstacles: Obstacles, offset: Array, radius: Array, q: Array, contacts: Table, a: int
+    obstacles: Obstacles, offset: Array, radius: Array, q: Array, contacts: Contacts, a: int
 ) -> float:
     """Do what `gap_at` does, for a scene with more than a flat floor."""
-    n, i = len(q), contacts.link[a]
+    n, i = len(q), contacts.geometry.link[a]
     axis = axis_z(q, i)
     if a >= obstacles.first_pair:
-        side, j = (a - obstacles.first_pair) % 4, contacts.other_link[a]
+        side, j = (a - obstacles.first_pair) % 4, contacts.geometry.other_link[a]
         arm = offset[i] if side < 2 else -offset[i]
         other = offset[j] if side % 2 == 0 else -offset[j]
         beyond, square = axis_z(q, j), 0.0
@@ -562,10 +532,8 @@ def obstacle_gap(
         return math.sqrt(square) - radius[i] - radius[j]
     if a >= obstacles.first_peg:
         k = (a - obstacles.first_peg) // n
-        _, distance, _, _ = peg_contact(
-            q[i, 0], q[i, 1], axis[0], axis[1], offset[i],
-            obstacles.pegs[k, 0], obstacles.pegs[k, 1],
-        )  # fmt: skip
+        peg = obstacles.pegs[k, 0], obstacles.pegs[k, 1]
+        _, distance, _, _ = peg_contact((q[i, 0], q[i, 1]), (axis[0], axis[1]), offset[i], peg)
         return distance - obstacles.pegs[k, 2] - radius[i]
     block = a // n
     side, k = (block, 0) if block < 2 else ((block - 2) // 3, (block - 2) % 3 + 1)

@@ -15,31 +15,36 @@ of its chain. `frame`, shape (contacts, 3, 3), has the rows normal, e_x and e_y 
 frame in I.
 """
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.spatial_vectors import Six
 from snake_sim_ros.scene.parameters import Array
 
 
 @compiled
-def add_contact_wrench(closed: Array, contacts: Table, frame: Array | None, wrench: Array) -> None:
+def add_contact_wrench(
+    closed: Array, contacts: Contacts, frame: Array | None, wrench: Array
+) -> None:
     """
     Add the impulses of the contacts to the wrenches of the links, S of eq. (76).
 
     `wrench`, shape (n, 6), is the moment about O [N m s] and the impulse [N s] of every link, in
     axes of I.
     """
+    geometry, solution = contacts.geometry, contacts.solution
     if frame is not None:
         add_wrench_in_frames(closed, contacts, frame, wrench)
         return
     n = len(wrench)
     for a in closed:
         i = a if a < n else a - n
-        cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
-        x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
-        px = cx * contacts.impulse[a, 1] - cy * contacts.impulse[a, 2]
-        py = cy * contacts.impulse[a, 1] + cx * contacts.impulse[a, 2]
-        pz = contacts.impulse[a, 0]
-        wrench[i, 0] += y * pz - z * py + contacts.radius[a] * contacts.impulse[a, 4]
-        wrench[i, 1] += z * px - x * pz - contacts.radius[a] * contacts.impulse[a, 3]
+        cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
+        x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
+        px = cx * solution.impulse[a, 1] - cy * solution.impulse[a, 2]
+        py = cy * solution.impulse[a, 1] + cx * solution.impulse[a, 2]
+        pz = solution.impulse[a, 0]
+        wrench[i, 0] += y * pz - z * py + geometry.radius[a] * solution.impulse[a, 4]
+        wrench[i, 1] += z * px - x * pz - geometry.radius[a] * solution.impulse[a, 3]
         wrench[i, 2] += x * py - y * px
         wrench[i, 3] += px
         wrench[i, 4] += py
@@ -47,7 +52,9 @@ def add_contact_wrench(closed: Array, contacts: Table, frame: Array | None, wren
 
 
 @compiled
-def contact_velocities(closed: Array, contacts: Table, frame: Array | None, twist: Array) -> None:
+def contact_velocities(
+    closed: Array, contacts: Contacts, frame: Array | None, twist: Array
+) -> None:
     """
     Fill the relative velocities of the closed contacts, eqs. (90)-(92).
 
@@ -55,28 +62,27 @@ def contact_velocities(closed: Array, contacts: Table, frame: Array | None, twis
     shape (n, 6), is the angular velocity [rad/s] and the velocity at O [m/s] of every link, in
     axes of I.
     """
+    geometry, solution = contacts.geometry, contacts.solution
     if frame is not None:
         velocities_in_frames(closed, contacts, frame, twist)
         return
     n = len(twist)
     for a in closed:
         i = a if a < n else a - n
-        cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
-        x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
+        cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
+        x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]
         vx = twist[i, 3] + wy * z - wz * y
         vy = twist[i, 4] + wz * x - wx * z
-        contacts.gamma[a, 0] = twist[i, 5] + wx * y - wy * x + contacts.shift[a]
-        contacts.gamma[a, 1] = cx * vx + cy * vy
-        contacts.gamma[a, 2] = cx * vy - cy * vx
-        contacts.gamma[a, 3] = -contacts.radius[a] * wy
-        contacts.gamma[a, 4] = contacts.radius[a] * wx
+        solution.gamma[a, 0] = twist[i, 5] + wx * y - wy * x + solution.shift[a]
+        solution.gamma[a, 1] = cx * vx + cy * vy
+        solution.gamma[a, 2] = cx * vy - cy * vx
+        solution.gamma[a, 3] = -geometry.radius[a] * wy
+        solution.gamma[a, 4] = geometry.radius[a] * wx
 
 
 @inlined
-def direction(
-    point: Array, frame: Array, a: int, k: int
-) -> tuple[float, float, float, float, float, float]:
+def direction(point: Array, frame: Array, a: int, k: int) -> Six:
     """
     Return the wrench of a unit impulse at contact a along one axis of its frame.
 
@@ -90,43 +96,45 @@ def direction(
 
 
 @compiled
-def add_wrench_in_frames(closed: Array, contacts: Table, frame: Array, wrench: Array) -> None:
+def add_wrench_in_frames(closed: Array, contacts: Contacts, frame: Array, wrench: Array) -> None:
     """Do what `add_contact_wrench` does, for contacts that have frames."""
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        i, other = contacts.link[a], contacts.other_link[a]
+        i, other = geometry.link[a], geometry.other_link[a]
         for k in range(3):
-            w = direction(contacts.point, frame, a, k)
+            w = direction(geometry.point, frame, a, k)
             for j in range(6):
-                wrench[i, j] += contacts.impulse[a, k] * w[j]
+                wrench[i, j] += solution.impulse[a, k] * w[j]
             if other >= 0:
-                w = direction(contacts.other_point, frame, a, k)
+                w = direction(geometry.other_point, frame, a, k)
                 for j in range(6):
-                    wrench[other, j] -= contacts.impulse[a, k] * w[j]
+                    wrench[other, j] -= solution.impulse[a, k] * w[j]
         for k in range(3):
             roll = (
-                contacts.impulse[a, 4] * frame[a, 1, k] - contacts.impulse[a, 3] * frame[a, 2, k]
+                solution.impulse[a, 4] * frame[a, 1, k] - solution.impulse[a, 3] * frame[a, 2, k]
             )
-            wrench[i, k] += contacts.radius[a] * roll
+            wrench[i, k] += geometry.radius[a] * roll
 
 
 @compiled
-def velocities_in_frames(closed: Array, contacts: Table, frame: Array, twist: Array) -> None:
+def velocities_in_frames(closed: Array, contacts: Contacts, frame: Array, twist: Array) -> None:
     """Do what `contact_velocities` does, for contacts that have frames."""
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        i, other = contacts.link[a], contacts.other_link[a]
+        i, other = geometry.link[a], geometry.other_link[a]
         for k in range(3):
-            w = direction(contacts.point, frame, a, k)
-            gamma = contacts.shift[a] if k == 0 else 0.0
+            w = direction(geometry.point, frame, a, k)
+            gamma = solution.shift[a] if k == 0 else 0.0
             for j in range(6):
                 gamma += w[j] * twist[i, j]
             if other >= 0:
-                w = direction(contacts.other_point, frame, a, k)
+                w = direction(geometry.other_point, frame, a, k)
                 for j in range(6):
                     gamma -= w[j] * twist[other, j]
-            contacts.gamma[a, k] = gamma
+            solution.gamma[a, k] = gamma
         along = across = 0.0
         for k in range(3):
             along += frame[a, 1, k] * twist[i, k]
             across += frame[a, 2, k] * twist[i, k]
-        contacts.gamma[a, 3] = -contacts.radius[a] * across
-        contacts.gamma[a, 4] = contacts.radius[a] * along
+        solution.gamma[a, 3] = -geometry.radius[a] * across
+        solution.gamma[a, 4] = geometry.radius[a] * along

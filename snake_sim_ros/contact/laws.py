@@ -23,9 +23,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.directions import direction
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -160,41 +161,42 @@ def ground_disc(laws: Laws, other: OtherFriction, P_x: float) -> Disc:
 
 
 @inlined
-def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Table, a: int) -> Disc:
+def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Contacts, a: int) -> Disc:
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
     return sliding_disc(laws, other, a, anchored_side(contacts, a))
 
 
 @inlined
-def anchored_side(contacts: Table, a: int) -> float:
+def anchored_side(contacts: Contacts, a: int) -> float:
     """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
-    P_x = contacts.anchor[a, 1]
-    return P_x if P_x != 0.0 else -contacts.trial[a, 1]
+    P_x = contacts.newton.anchor[a, 1]
+    return P_x if P_x != 0.0 else -contacts.newton.trial[a, 1]
 
 
 @inlined
-def changes_side(other: OtherFriction, contacts: Table, a: int) -> bool:
+def changes_side(other: OtherFriction, contacts: Contacts, a: int) -> bool:
     """Return whether the iterate of contact a has friction of another side than its anchor."""
     if other is None:
         return False
-    crosses = contacts.iterate[a, 1] * contacts.anchor[a, 1] < 0.0
+    crosses = contacts.newton.iterate[a, 1] * contacts.newton.anchor[a, 1] < 0.0
     return crosses and other.has_sides and a < other.first_peg
 
 
 @inlined
-def grip(other: OtherFriction | None, contacts: Table, a: int) -> float:
+def grip(other: OtherFriction | None, contacts: Contacts, a: int) -> float:
     """
     Return the factor of all friction of contact a: that of patches, and of its sliding speed.
 
     The speed is that of `gamma`: an iteration takes the one that it has found last, and where it
     ends, the residual of the laws is that for the factor at the end of the step.
     """
+    geometry, solution = contacts.geometry, contacts.solution
     if other is None:
         return 1.0
-    factor = contacts.grip[a]
+    factor = geometry.grip[a]
     if other.falls and a < other.first_peg:
         factor *= stribeck_factor(
-            other.kinetic_ratio, other.stribeck_speed, contacts.gamma[a, 1], contacts.gamma[a, 2]
+            other.kinetic_ratio, other.stribeck_speed, solution.gamma[a, 1], solution.gamma[a, 2]
         )
     return factor
 
@@ -213,15 +215,15 @@ def stribeck_factor(ratio: float, speed: float, x: float, y: float) -> float:
 
 
 @inlined
-def viscosity(other: OtherFriction, h: float, contacts: Table, a: int) -> tuple[float, float]:
+def viscosity(other: OtherFriction, h: float, contacts: Contacts, a: int) -> tuple[float, float]:
     """Return viscous impulse in a time h [s] over velocity, along and across a link [kg]."""
-    factor = h * contacts.grip[a]
+    factor = h * contacts.geometry.grip[a]
     return factor * other.viscous_x, factor * other.viscous_y
 
 
 @inlined
 def add_viscous_friction(
-    other: OtherFriction | None, h: float, closed: Array, contacts: Table, chain: Chain
+    other: OtherFriction | None, h: float, closed: Array, contacts: Contacts, chain: Chain
 ) -> None:
     """
     Add the viscous friction of a step to the inertias of the links, ``M + sum_k c_k h w_k w_k^T``.
@@ -240,15 +242,16 @@ def add_viscous_friction(
         Those of a `problem.Problem`, with shifts; ``chain.bare`` is added to.
 
     """
+    geometry, solution = contacts.geometry, contacts.solution
     if other is None:
         return
     for k in range(len(closed) if other.is_viscous else 0):
         a = closed[k]
-        if a < other.first_peg and contacts.shift[a] <= 0.0:
+        if a < other.first_peg and solution.shift[a] <= 0.0:
             resistance = viscosity(other, h, contacts, a)
-            inertia = chain.bare[contacts.link[a]]
+            inertia = chain.bare[geometry.link[a]]
             for axis in range(2):
-                w = direction(contacts.point, chain.frame, a, axis + 1)
+                w = direction(geometry.point, chain.frame, a, axis + 1)
                 for i in range(6):
                     for j in range(6):
                         inertia[i, j] += resistance[axis] * w[i] * w[j]
@@ -263,11 +266,11 @@ def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
 
 
 @inlined
-def link_of(other: OtherFriction | None, contacts: Table, n: int, a: int) -> int:
+def link_of(other: OtherFriction | None, contacts: Contacts, n: int, a: int) -> int:
     """Return the index of the link of contact a, for n links."""
     if other is None:
         return a if a < n else a - n
-    return contacts.link[a]
+    return contacts.geometry.link[a]
 
 
 @compiled
@@ -317,7 +320,9 @@ def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
 
 
 @compiled
-def natural_map(laws: Laws, closed: Array, contacts: Table, enough: float) -> tuple[float, float]:
+def natural_map(
+    laws: Laws, closed: Array, contacts: Contacts, enough: float
+) -> tuple[float, float]:
     """
     Return how far the closed contacts are from their laws, ``max |P - prox_C(P - r gamma)|/r``.
 
@@ -341,36 +346,36 @@ def natural_map(laws: Laws, closed: Array, contacts: Table, enough: float) -> tu
         Residual of the laws as the paper prints them, without the rule [m/s].
 
     """
+    solution = contacts.solution
     if enough > 0.0 and laws.rolling.mu_x <= 0.0:
         residual, printed = sliding_bound(laws, laws.other, closed, contacts)
         if residual <= enough:
             return residual, printed
     selected = printed = tangential = 0.0
     for a in closed:
-        P_N = contacts.impulse[a, 0]
-        x = P_N - laws.r_N * contacts.gamma[a, 0]
-        rule = laws.compliance * (P_N - contacts.selection_center[a])
+        P_N = solution.impulse[a, 0]
+        x = P_N - laws.r_N * solution.gamma[a, 0]
+        rule = laws.compliance * (P_N - solution.selection_center[a])
         selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
-        P_x, gamma_x, radius = contacts.impulse[a, 1], contacts.gamma[a, 1], P_N
+        P_x, gamma_x, radius = solution.impulse[a, 1], solution.gamma[a, 1], P_N
         radius *= grip(laws.other, contacts, a)
-        slide = disc_residual(
-            P_x, contacts.impulse[a, 2], gamma_x, contacts.gamma[a, 2],
-            sliding_disc(laws, laws.other, a, P_x - laws.r_T * gamma_x), radius, laws.r_T, enough,
-        )  # fmt: skip
+        disc = sliding_disc(laws, laws.other, a, P_x - laws.r_T * gamma_x)
+        P, gamma = (P_x, solution.impulse[a, 2]), (gamma_x, solution.gamma[a, 2])
+        slide = disc_residual(P, gamma, disc, radius, laws.r_T, enough)
         tangential = max(tangential, slide)
         if laws.rolling.mu_x > 0.0:
-            roll = disc_residual(
-                contacts.impulse[a, 3], contacts.impulse[a, 4], contacts.gamma[a, 3],
-                contacts.gamma[a, 4], rolling_disc(laws, laws.other, a), radius, laws.r_V, enough,
-            )  # fmt: skip
+            disc = rolling_disc(laws, laws.other, a)
+            P = solution.impulse[a, 3], solution.impulse[a, 4]
+            gamma = solution.gamma[a, 3], solution.gamma[a, 4]
+            roll = disc_residual(P, gamma, disc, radius, laws.r_V, enough)
             tangential = max(tangential, roll)
     return max(selected / laws.r_N, tangential), max(printed / laws.r_N, tangential)
 
 
 @inlined
 def sliding_bound(
-    laws: Laws, other: OtherFriction | None, closed: Array, contacts: Table
+    laws: Laws, other: OtherFriction | None, closed: Array, contacts: Contacts
 ) -> tuple[float, float]:
     """
     Return upper bounds of both results of `natural_map`, or infinity.
@@ -379,6 +384,7 @@ def sliding_bound(
     on a flat floor without rolling friction. `other` is ``laws.other``, an argument of its own so
     that Numba leaves out branches on None.
     """
+    solution = contacts.solution
     if other is not None:
         return math.inf, math.inf
     mu_x, mu_y = laws.sliding.mu_x, laws.sliding.mu_y
@@ -389,10 +395,10 @@ def sliding_bound(
     weight = r * highest * highest
     selected = printed = slip = stick = 0.0
     for a in closed:
-        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
-        gamma_x, gamma_y = contacts.gamma[a, 1], contacts.gamma[a, 2]
-        x = P_N - laws.r_N * contacts.gamma[a, 0]
-        rule = laws.compliance * (P_N - contacts.selection_center[a])
+        P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
+        gamma_x, gamma_y = solution.gamma[a, 1], solution.gamma[a, 2]
+        x = P_N - laws.r_N * solution.gamma[a, 0]
+        rule = laws.compliance * (P_N - solution.selection_center[a])
         selected = max(selected, abs(P_N - max(0.0, x - laws.r_N * rule)))
         printed = max(printed, abs(P_N - max(0.0, x)))
         x, y = over_x * (P_x - r * gamma_x), over_y * (P_y - r * gamma_y)
@@ -411,10 +417,8 @@ def sliding_bound(
 
 @inlined
 def disc_residual(
-    P_x: float,
-    P_y: float,
-    gamma_x: float,
-    gamma_y: float,
+    P: tuple[float, float],
+    gamma: tuple[float, float],
     disc: Disc,
     bound: float,
     r: float,
@@ -429,6 +433,7 @@ def disc_residual(
     ellipse in e. Projections do not expand distances, so the residual is at most the length of
     this vector plus |P - e|. For a disc the sum is |P - e|, which is the residual itself.
     """
+    (P_x, P_y), (gamma_x, gamma_y) = P, gamma
     x, y = P_x - r * gamma_x, P_y - r * gamma_y
     mu_x, mu_y, over_x, over_y = disc.mu_x, disc.mu_y, disc.over_x, disc.over_y
     lowest, highest = min(mu_x, mu_y), max(over_x, over_y)
@@ -503,11 +508,10 @@ def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
 def apply_selection_rule(
     laws: Laws,
     closed: Array,
-    contacts: Table,
+    contacts: Contacts,
     mass: Array,
     impulse: Array,
-    press_speed: float,
-    fall: float,
+    speeds: tuple[float, float],
 ) -> Laws:
     """
     Fill the selection centers, and return the laws with the compliance of this step.
@@ -528,26 +532,27 @@ def apply_selection_rule(
         Masses of the links [kg].
     impulse : ndarray, shape (contacts, 5)
         Impulses of the last step [N s].
-    press_speed, fall : float
+    speeds : tuple of float
         Velocity at which the rule may press a contact into the floor, and downward velocity that
         the weight adds in the step [m/s].
 
     """
+    solution, (press_speed, fall) = contacts.solution, speeds
     n = len(mass)
     most = fastest = heaviest = 0.0
     for m in mass:
         heaviest += IMPACT_WEIGHTS * m * max(0.0, fall)
     for a in closed:
-        stop = 0.5 * fall - 2.0 * contacts.gamma[a, 0]
+        stop = 0.5 * fall - 2.0 * solution.gamma[a, 0]
         most = max(most, impulse[a, 0], mass[link_of(laws.other, contacts, n, a)] * stop)
         if impulse[a, 0] > 0.0:
-            slip = max(abs(contacts.gamma[a, 1]), abs(contacts.gamma[a, 2]))
-            fastest = max(fastest, abs(contacts.gamma[a, 0]), slip)
+            slip = max(abs(solution.gamma[a, 1]), abs(solution.gamma[a, 2]))
+            fastest = max(fastest, abs(solution.gamma[a, 0]), slip)
     compliance = laws.compliance
     if most > 0.0:
         compliance = min(compliance, max(laws.least_compliance, press_speed / most))
     for a in closed:
-        contacts.selection_center[a] = (
+        solution.selection_center[a] = (
             min(impulse[a, 0], heaviest) if fastest <= REST_SPEED else 0.0
         )
     return Laws(

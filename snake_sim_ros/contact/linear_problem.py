@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING
 from snake_sim_ros.contact.delassus import (
     condensed_system,
     condensed_velocities,
@@ -46,7 +47,7 @@ from snake_sim_ros.contact.delassus import (
 )
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
 from snake_sim_ros.contact.laws import anchored_disc, Disc, grip, Laws, rolling_disc
-from snake_sim_ros.contact.problem import FREE, Problem, ROLLING, SLIDING
+from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
     correct_chain,
@@ -55,7 +56,8 @@ from snake_sim_ros.dynamics.articulated_body import (
     reset_chain,
     solve_residual,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.spatial_vectors import Six
 from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
@@ -64,7 +66,7 @@ SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
 @merged
-def linearize(laws: Laws, closed: Array, contacts: Table) -> None:
+def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
     """
     Fill the linear laws of the closed contacts, about their trial velocities.
 
@@ -72,15 +74,16 @@ def linearize(laws: Laws, closed: Array, contacts: Table) -> None:
     selection_center and disc_radius of the contacts are read; law_impulse, P_0 and S_N to S_yN are
     filled.
     """
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
         P_N, S_N = normal_law(
-            laws, contacts.selection_center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+            laws, solution.selection_center[a], newton.anchor[a, 0], newton.trial[a, 0]
         )
-        contacts.law_impulse[a, 0] = P_N
-        contacts.P_0[a, 0], contacts.S_N[a] = P_N + S_N * contacts.trial[a, 0], S_N
+        newton.law_impulse[a, 0] = P_N
+        newton.P_0[a, 0], newton.S_N[a] = P_N + S_N * newton.trial[a, 0], S_N
         factor = grip(laws.other, contacts, a)
         radius, follow = (
-            (P_N, S_N) if contacts.disc_radius[a] == FREE else (contacts.disc_radius[a], 0.0)
+            (P_N, S_N) if newton.disc_radius[a] == FREE else (newton.disc_radius[a], 0.0)
         )
         radius, follow = factor * radius, factor * follow
         linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
@@ -118,15 +121,14 @@ def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[
 
 
 @inlined
-def linearize_disc(disc: Disc, contacts: Table, a: int, radius: float, S_N: float) -> None:
+def linearize_disc(disc: Disc, contacts: Contacts, a: int, radius: float, S_N: float) -> None:
     """
     Fill the linear law of one kind of friction at contact a.
 
     Parameters
     ----------
     disc : Disc
-    contacts : record array, shape (contacts,)
-        Table of contacts.
+    contacts : Contacts
     a : int
         Number of the contact.
     radius : float
@@ -135,18 +137,19 @@ def linearize_disc(disc: Disc, contacts: Table, a: int, radius: float, S_N: floa
         Minus the derivative of the radius with respect to gamma_N [kg]; 0 if it is held.
 
     """
+    newton = contacts.newton
     k = disc.column
-    x, y, normal = contacts.trial[a, k], contacts.trial[a, k + 1], contacts.trial[a, 0]
+    x, y, normal = newton.trial[a, k], newton.trial[a, k + 1], newton.trial[a, 0]
     P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
-        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, radius
+        disc, newton.anchor[a, k], newton.anchor[a, k + 1], x, y, radius
     )
     kind = SLIDING if k == 1 else ROLLING
-    contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1] = P_x, P_y
+    newton.law_impulse[a, k], newton.law_impulse[a, k + 1] = P_x, P_y
     S_xN, S_yN = d_x * S_N, d_y * S_N
-    contacts.P_0[a, k] = P_x + S_xx * x + S_xy * y + S_xN * normal
-    contacts.P_0[a, k + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
-    contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind] = S_xx, S_xy, S_yy
-    contacts.S_xN[a, kind], contacts.S_yN[a, kind] = S_xN, S_yN
+    newton.P_0[a, k] = P_x + S_xx * x + S_xy * y + S_xN * normal
+    newton.P_0[a, k + 1] = P_y + S_xy * x + S_yy * y + S_yN * normal
+    newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind] = S_xx, S_xy, S_yy
+    newton.S_xN[a, kind], newton.S_yN[a, kind] = S_xN, S_yN
 
 
 @compiled
@@ -193,7 +196,7 @@ def disc_law(
 
 
 @merged
-def linear_impulses(closed: Array, contacts: Table, rolling: bool) -> None:
+def linear_impulses(closed: Array, contacts: Contacts, rolling: bool) -> None:
     """
     Fill the impulses of the linear laws at the velocities of the contacts.
 
@@ -201,28 +204,29 @@ def linear_impulses(closed: Array, contacts: Table, rolling: bool) -> None:
     `closed` and `contacts` are those of a `problem.Problem`, with linear laws; `rolling` says
     whether there is rolling friction.
     """
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
-        normal = contacts.gamma[a, 0] - contacts.trial[a, 0]
-        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] - contacts.S_N[a] * normal
+        normal = solution.gamma[a, 0] - newton.trial[a, 0]
+        solution.impulse[a, 0] = newton.law_impulse[a, 0] - newton.S_N[a] * normal
         for k in range(1, 5 if rolling else 3, 2):
             kind = SLIDING if k == 1 else ROLLING
-            x = contacts.gamma[a, k] - contacts.trial[a, k]
-            y = contacts.gamma[a, k + 1] - contacts.trial[a, k + 1]
+            x = solution.gamma[a, k] - newton.trial[a, k]
+            y = solution.gamma[a, k + 1] - newton.trial[a, k + 1]
             S_xx, S_xy, S_yy = (
-                contacts.S_xx[a, kind],
-                contacts.S_xy[a, kind],
-                contacts.S_yy[a, kind],
+                newton.S_xx[a, kind],
+                newton.S_xy[a, kind],
+                newton.S_yy[a, kind],
             )
-            S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
-            P_x, P_y = contacts.law_impulse[a, k], contacts.law_impulse[a, k + 1]
-            contacts.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
-            contacts.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
+            S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+            P_x, P_y = newton.law_impulse[a, k], newton.law_impulse[a, k + 1]
+            solution.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
+            solution.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
 
 
 @inlined
 def add_laws(
     closed: Array,
-    contacts: Table,
+    contacts: Contacts,
     frame: Array | None,
     rolling: bool,
     wrench: Array,
@@ -235,8 +239,8 @@ def add_laws(
     ----------
     closed : ndarray of int, shape (k,)
         Numbers of the contacts, none of two links.
-    contacts : record array, shape (contacts,)
-        Table of contacts with linear laws.
+    contacts : Contacts
+        With linear laws.
     frame : ndarray, shape (contacts, 3, 3), or None
         Contact frames in I; None on a flat floor.
     rolling : bool
@@ -259,7 +263,7 @@ def add_laws(
 
 
 @merged
-def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
+def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """
     Add the impulse ``P_0 - S gamma`` of contact a, normal and sliding, to link i.
 
@@ -267,11 +271,12 @@ def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int
     contact point and K = [[xx, xy, xz], [xy, yy, yz], [0, 0, zz]]. About O this is A += J^T K J
     with J = [-p~, 1].
     """
-    cx, cy = contacts.heading[a, 0], contacts.heading[a, 1]
-    x, y, z = contacts.point[a, 0], contacts.point[a, 1], contacts.point[a, 2]
-    S_xN, S_yN, shift = contacts.S_xN[a, SLIDING], contacts.S_yN[a, SLIDING], contacts.shift[a]
-    P_x, P_y = contacts.P_0[a, 1] - S_xN * shift, contacts.P_0[a, 2] - S_yN * shift
-    fz = contacts.P_0[a, 0] - contacts.S_N[a] * shift
+    geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
+    cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
+    x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
+    S_xN, S_yN, shift = newton.S_xN[a, SLIDING], newton.S_yN[a, SLIDING], solution.shift[a]
+    P_x, P_y = newton.P_0[a, 1] - S_xN * shift, newton.P_0[a, 2] - S_yN * shift
+    fz = newton.P_0[a, 0] - newton.S_N[a] * shift
     fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
     wrench[i, 0] += y * fz - z * fy
     wrench[i, 1] += z * fx - x * fz
@@ -280,14 +285,14 @@ def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int
     wrench[i, 4] += fy
     wrench[i, 5] += fz
     S_xx, S_xy, S_yy = (
-        contacts.S_xx[a, SLIDING],
-        contacts.S_xy[a, SLIDING],
-        contacts.S_yy[a, SLIDING],
+        newton.S_xx[a, SLIDING],
+        newton.S_xy[a, SLIDING],
+        newton.S_yy[a, SLIDING],
     )
     xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
-    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, contacts.S_N[a]
+    xz, yz, zz = cx * S_xN - cy * S_yN, cy * S_xN + cx * S_yN, newton.S_N[a]
     rows = (
         (-z * xy, -z * yy, y * zz - z * yz),  # p~ K
         (z * xx, z * xy, z * xz - x * zz),
@@ -307,17 +312,18 @@ def add_point_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int
 
 
 @merged
-def add_rolling_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: int) -> None:
+def add_rolling_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
-    x, y, r = contacts.point[a, 0], contacts.point[a, 1], contacts.radius[a]
-    wrench[i, 0] += r * (contacts.P_0[a, 4] - contacts.S_yN[a, ROLLING] * contacts.shift[a])
-    wrench[i, 1] -= r * (contacts.P_0[a, 3] - contacts.S_xN[a, ROLLING] * contacts.shift[a])
+    geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
+    x, y, r = geometry.point[a, 0], geometry.point[a, 1], geometry.radius[a]
+    wrench[i, 0] += r * (newton.P_0[a, 4] - newton.S_yN[a, ROLLING] * solution.shift[a])
+    wrench[i, 1] -= r * (newton.P_0[a, 3] - newton.S_xN[a, ROLLING] * solution.shift[a])
     S_xx, S_xy, S_yy = (
-        contacts.S_xx[a, ROLLING],
-        contacts.S_xy[a, ROLLING],
-        contacts.S_yy[a, ROLLING],
+        newton.S_xx[a, ROLLING],
+        newton.S_xy[a, ROLLING],
+        newton.S_yy[a, ROLLING],
     )
-    S_xN, S_yN = contacts.S_xN[a, ROLLING], contacts.S_yN[a, ROLLING]
+    S_xN, S_yN = newton.S_xN[a, ROLLING], newton.S_yN[a, ROLLING]
     inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
     inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
     inertia[i, 0, 5] += r * S_yN
@@ -328,7 +334,7 @@ def add_rolling_law(contacts: Table, a: int, wrench: Array, inertia: Array, i: i
 
 @compiled
 def add_laws_in_frames(
-    closed: Array, contacts: Table, frame: Array, rolling: bool, wrench: Array, inertia: Array
+    closed: Array, contacts: Contacts, frame: Array, rolling: bool, wrench: Array, inertia: Array
 ) -> None:
     """
     Do what `add_laws` does, for contacts that have frames: wrench += W P_0, A += W S W^T.
@@ -336,32 +342,31 @@ def add_laws_in_frames(
     W holds the directions (normal, sliding; rolling). Friction follows the normal velocity, to
     which the normal direction belongs.
     """
+    geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     for a in closed:
-        A, w = inertia[contacts.link[a]], wrench[contacts.link[a]]
-        point = contacts.point
+        A, w = inertia[geometry.link[a]], wrench[geometry.link[a]]
+        point = geometry.point
         normal = direction(point, frame, a, 0)
         along, across = direction(point, frame, a, 1), direction(point, frame, a, 2)
-        S_N, shift = contacts.S_N[a], contacts.shift[a]
+        S_N, shift = newton.S_N[a], solution.shift[a]
         for k in range(6):
-            w[k] += (contacts.P_0[a, 0] - S_N * shift) * normal[k]
+            w[k] += (newton.P_0[a, 0] - S_N * shift) * normal[k]
             for j in range(6):
                 A[k, j] += S_N * normal[k] * normal[j]
-        add_friction_law(contacts, a, SLIDING, normal, along, across, w, A)
+        add_friction_law(contacts, a, SLIDING, (normal, along, across), w, A)
         if rolling:
-            r = contacts.radius[a]
+            r = geometry.radius[a]
             turn = -r * frame[a, 2, 0], -r * frame[a, 2, 1], -r * frame[a, 2, 2], 0.0, 0.0, 0.0
             roll = r * frame[a, 1, 0], r * frame[a, 1, 1], r * frame[a, 1, 2], 0.0, 0.0, 0.0
-            add_friction_law(contacts, a, ROLLING, normal, turn, roll, w, A)
+            add_friction_law(contacts, a, ROLLING, (normal, turn, roll), w, A)
 
 
 @inlined
 def add_friction_law(
-    contacts: Table,
+    contacts: Contacts,
     a: int,
     kind: int,
-    normal: tuple[float, float, float, float, float, float],
-    along: tuple[float, float, float, float, float, float],
-    across: tuple[float, float, float, float, float, float],
+    directions: tuple[Six, Six, Six],
     wrench: Array,
     inertia: Array,
 ) -> None:
@@ -370,13 +375,13 @@ def add_friction_law(
 
     Parameters
     ----------
-    contacts : record array, shape (contacts,)
-        Table of contacts with linear laws.
+    contacts : Contacts
+        With linear laws.
     a : int
         Number of the contact.
     kind : int
         SLIDING or ROLLING.
-    normal, along, across : tuple of 6 float
+    directions : tuple of 6 float each
         Wrench of a unit normal impulse, and those of unit impulses along both axes.
     wrench : ndarray, shape (6,)
         Wrench of the link about O; added to.
@@ -384,10 +389,12 @@ def add_friction_law(
         Inertia of the link about O; added to.
 
     """
-    k, shift = 1 + 2 * kind, contacts.shift[a]
-    S_xx, S_xy, S_yy = contacts.S_xx[a, kind], contacts.S_xy[a, kind], contacts.S_yy[a, kind]
-    S_xN, S_yN = contacts.S_xN[a, kind], contacts.S_yN[a, kind]
-    P_x, P_y = contacts.P_0[a, k] - S_xN * shift, contacts.P_0[a, k + 1] - S_yN * shift
+    solution, newton = contacts.solution, contacts.newton
+    normal, along, across = directions
+    k, shift = 1 + 2 * kind, solution.shift[a]
+    S_xx, S_xy, S_yy = newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind]
+    S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+    P_x, P_y = newton.P_0[a, k] - S_xN * shift, newton.P_0[a, k + 1] - S_yN * shift
     for i in range(6):
         wrench[i] += P_x * along[i] + P_y * across[i]
         for j in range(6):
@@ -428,7 +435,7 @@ def make_reduced(rows: int) -> Reduced:
 
 @inlined
 def reduced_step(
-    laws: Laws, closed: Array, contacts: Table, delassus: Delassus, reduced: Reduced
+    laws: Laws, closed: Array, contacts: Contacts, delassus: Delassus, reduced: Reduced
 ) -> bool:
     """
     Fill impulses and velocities with the solution for the laws linear about the trial velocities.
@@ -462,19 +469,20 @@ def reduced_step(
 
 
 @inlined
-def reduce_laws(laws: Laws, closed: Array, contacts: Table, reduced: Reduced) -> int:
+def reduce_laws(laws: Laws, closed: Array, contacts: Contacts, reduced: Reduced) -> int:
     """Fill the unknowns, their laws and the held impulses; return how many unknowns there are."""
+    solution, newton = contacts.solution, contacts.newton
     count = 0
     for a in closed:
-        row, radius = contacts.row[a], contacts.disc_radius[a]
+        row, radius = newton.row[a], newton.disc_radius[a]
         P_N, S_N = normal_law(
-            laws, contacts.selection_center[a], contacts.anchor[a, 0], contacts.trial[a, 0]
+            laws, solution.selection_center[a], newton.anchor[a, 0], newton.trial[a, 0]
         )
         normal, reduced.impulse[row] = -1, 0.0
         if S_N > 0.0:
             normal = count
             add_unknown(count, row, 1.0, 0.0, 1.0 / S_N, reduced)
-            reduced.goal[count] = P_N / S_N + contacts.trial[a, 0]
+            reduced.goal[count] = P_N / S_N + newton.trial[a, 0]
             reduced.is_normal[count] = 1
             for k in range(4):
                 reduced.follow[count, k] = 0.0
@@ -483,12 +491,12 @@ def reduce_laws(laws: Laws, closed: Array, contacts: Table, reduced: Reduced) ->
             radius = P_N
         else:
             normal = -1
-        factor = grip(laws.other, contacts, a)
+        bound = Bound(radius, grip(laws.other, contacts, a), normal)
         disc = anchored_disc(laws, laws.other, contacts, a)
-        count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
+        count = reduce_disc(disc, contacts, a, bound, count, reduced)
         if laws.rolling.mu_x > 0.0:
             disc = rolling_disc(laws, laws.other, a)
-            count = reduce_disc(disc, contacts, a, radius, factor, normal, count, reduced)
+            count = reduce_disc(disc, contacts, a, bound, count, reduced)
     return count
 
 
@@ -502,16 +510,17 @@ def add_unknown(
     reduced.is_normal[count] = 0
 
 
+class Bound(NamedTuple):
+    """What bounds the friction of a contact."""
+
+    P_N: float  # normal impulse [N s]
+    factor: float  # radius of the friction disc over that impulse; see `laws.grip`
+    normal: int  # number of the unknown that is this impulse, -1 if the radius is held
+
+
 @merged
 def reduce_disc(
-    disc: Disc,
-    contacts: Table,
-    a: int,
-    radius: float,
-    factor: float,
-    normal: int,
-    count: int,
-    reduced: Reduced,
+    disc: Disc, contacts: Contacts, a: int, bound: Bound, count: int, reduced: Reduced
 ) -> int:
     """
     Add the unknowns of one kind of friction at contact a; return how many there are then.
@@ -519,26 +528,21 @@ def reduce_disc(
     Parameters
     ----------
     disc : Disc
-    contacts : record array, shape (contacts,)
-        Table of contacts.
+    contacts : Contacts
     a : int
         Number of the contact.
-    radius : float
-        Normal impulse that limits the friction [N s].
-    factor : float
-        Radius of the friction disc over that impulse; see `laws.grip`.
-    normal : int
-        Number of the unknown that the radius follows, -1 if it is held.
+    bound : Bound
     count : int
         Number of unknowns so far.
     reduced : Reduced
 
     """
+    newton, factor, normal = contacts.newton, bound.factor, bound.normal
     k = disc.column
-    row = contacts.row[a] + k
-    x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
+    row = newton.row[a] + k
+    x, y = newton.trial[a, k], newton.trial[a, k + 1]
     P_x, P_y, S_xx, _, S_yy, d_x, d_y = disc_law(
-        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1], x, y, factor * radius
+        disc, newton.anchor[a, k], newton.anchor[a, k + 1], x, y, factor * bound.P_N
     )
     reduced.impulse[row] = reduced.impulse[row + 1] = 0.0
     if d_x == 0.0 and d_y == 0.0:  # it sticks, or there is no friction
@@ -565,29 +569,30 @@ def reduce_disc(
 
 @inlined
 def held_velocities(
-    closed: Array, width: int, contacts: Table, delassus: Delassus, reduced: Reduced
+    closed: Array, width: int, contacts: Contacts, delassus: Delassus, reduced: Reduced
 ) -> None:
     """Fill delassus.packed with the velocities that the held impulses leave."""
+    newton = contacts.newton
     G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
     for b in closed:
-        for column in range(contacts.row[b] + 1, contacts.row[b] + width):
+        for column in range(newton.row[b] + 1, newton.row[b] + width):
             P = reduced.impulse[column]
             if P != 0.0:
                 for a in closed:
-                    row = contacts.row[a]
+                    row = newton.row[a]
                     for i in range(width):
                         packed[row + i] += G[column, row + i] * P
 
 
 @inlined
 def fill_responses(
-    count: int, closed: Array, width: int, contacts: Table, G: Array, reduced: Reduced
+    count: int, closed: Array, width: int, contacts: Contacts, G: Array, reduced: Reduced
 ) -> None:
     """Fill the velocities ``G c`` of the closed contacts for a unit of every unknown."""
     rows = 0
     for a in closed:
-        rows = max(rows, contacts.row[a] + width)
+        rows = max(rows, contacts.newton.row[a] + width)
     for v in range(count):
         row, g = reduced.row[v], reduced.response[v]
         if reduced.is_normal[v]:
@@ -666,7 +671,7 @@ def eliminate_columns(B: Array, count: int, searches: bool) -> bool:
 
 
 @inlined
-def expand(count: int, closed: Array, width: int, contacts: Table, reduced: Reduced) -> bool:
+def expand(count: int, closed: Array, width: int, contacts: Contacts, reduced: Reduced) -> bool:
     """Fill the impulses of the contacts from the unknowns; return whether they are finite."""
     P, total = reduced.impulse, 0.0
     for u in range(count):
@@ -679,7 +684,7 @@ def expand(count: int, closed: Array, width: int, contacts: Table, reduced: Redu
                 P[row + 1 + k] += reduced.follow[u, k] * z
     for a in closed:
         for j in range(width):
-            contacts.impulse[a, j] = P[contacts.row[a] + j]
+            contacts.solution.impulse[a, j] = P[contacts.newton.row[a] + j]
     return math.isfinite(total)
 
 
@@ -747,17 +752,19 @@ def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
 
 
 @inlined
-def is_far(closed: Array, contacts: Table) -> bool:
+def is_far(closed: Array, contacts: Contacts) -> bool:
     """Return whether a contact velocity is farther than FAR from the trial velocity."""
     farthest = 0.0
     for a in closed:
         for j in range(3):
-            farthest = max(farthest, abs(contacts.gamma[a, j] - contacts.trial[a, j]))
+            farthest = max(
+                farthest, abs(contacts.solution.gamma[a, j] - contacts.newton.trial[a, j])
+            )
     return farthest > FAR
 
 
 @inlined
-def list_pairs_last(closed: Array, contacts: Table, pairs: Delassus | None) -> None:
+def list_pairs_last(closed: Array, contacts: Contacts, pairs: Delassus | None) -> None:
     """
     Move the contacts of two links behind all others, as `solve_linear` needs them.
 
@@ -768,7 +775,7 @@ def list_pairs_last(closed: Array, contacts: Table, pairs: Delassus | None) -> N
     count = 0
     for k in range(len(closed)):
         a = closed[k]
-        if contacts.other_link[a] < 0:
+        if contacts.geometry.other_link[a] < 0:
             for j in range(k, count, -1):
                 closed[j] = closed[j - 1]
             closed[count] = a
@@ -776,19 +783,24 @@ def list_pairs_last(closed: Array, contacts: Table, pairs: Delassus | None) -> N
 
 
 @inlined
-def count_single(closed: Array, contacts: Table, pairs: Delassus | None) -> int:
+def count_single(closed: Array, contacts: Contacts, pairs: Delassus | None) -> int:
     """Return the number of contacts that are not of two links; these are listed last."""
     if pairs is None:
         return len(closed)
     count = len(closed)
-    while count > 0 and contacts.other_link[closed[count - 1]] >= 0:
+    while count > 0 and contacts.geometry.other_link[closed[count - 1]] >= 0:
         count -= 1
     return count
 
 
 @inlined
 def couple_pairs(
-    again: bool, closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus | None
+    again: bool,
+    closed: Array,
+    width: int,
+    contacts: Contacts,
+    chain: Chain,
+    pairs: Delassus | None,
 ) -> float:
     """
     Solve for the contacts of links with each other, and add what they do to the twists.
@@ -808,8 +820,8 @@ def couple_pairs(
         Numbers of the closed contacts of two links.
     width : int
         Components per contact: 3, or 5 with rolling friction.
-    contacts : record array, shape (contacts,)
-        Table of contacts with linear laws; impulses are filled.
+    contacts : Contacts
+        With linear laws; impulses are filled.
     chain : Chain
         Its twists are added to.
     pairs : Delassus or None
@@ -838,34 +850,35 @@ def couple_pairs(
 
 @compiled
 def condense_pairs(
-    closed: Array, width: int, contacts: Table, chain: Chain, pairs: Delassus
+    closed: Array, width: int, contacts: Contacts, chain: Chain, pairs: Delassus
 ) -> None:
     """Fill G of the contacts of two links on the factored chain; set their impulses to 0."""
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
-        contacts.impulse[a] = 0.0
+        solution.impulse[a] = 0.0
     for k, a in enumerate(closed):
         for j in range(width):
             row = pairs.operator[width * k + j]
-            stiffness = contacts.S_N[a]
+            stiffness = newton.S_N[a]
             if j > 0:
-                stiffness = contacts.S_xx[a, SLIDING] + contacts.S_yy[a, SLIDING]
+                stiffness = newton.S_xx[a, SLIDING] + newton.S_yy[a, SLIDING]
             if stiffness == 0.0:  # the impulse is 0
                 row[: width * len(closed)] = 0.0
                 continue
-            contacts.impulse[a, j] = 1.0
+            solution.impulse[a, j] = 1.0
             chain.wrench[:] = 0.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
-            contacts.impulse[a, j] = 0.0
+            solution.impulse[a, j] = 0.0
             solve_residual(chain)
             contact_velocities(closed, contacts, chain.frame, chain.correction)
             for other, b in enumerate(closed):
                 for i in range(width):
-                    shift = contacts.shift[b] if i == 0 else 0.0
-                    row[width * other + i] = contacts.gamma[b, i] - shift
+                    shift = solution.shift[b] if i == 0 else 0.0
+                    row[width * other + i] = solution.gamma[b, i] - shift
 
 
 @compiled
-def solve_correction(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
+def solve_correction(closed: Array, width: int, contacts: Contacts, delassus: Delassus) -> None:
     """
     Fill the impulses with a correction for what the laws leave at the present velocities.
 
@@ -873,25 +886,26 @@ def solve_correction(closed: Array, width: int, contacts: Table, delassus: Delas
     stiffness of the laws costs as many digits here as it does in the chain, see
     `articulated_body.find_residual`.
     """
+    solution = contacts.solution
     rows = width * len(closed)
     B, packed = delassus.system, delassus.packed
     for k, a in enumerate(closed):
         for j in range(width):
-            packed[width * k + j] = contacts.impulse[a, j]
+            packed[width * k + j] = solution.impulse[a, j]
     condensed_system(closed, width, contacts, delassus)
     linear_impulses(closed, contacts, width > 3)
     for k, a in enumerate(closed):
         for j in range(width):
-            B[width * k + j, rows] = contacts.impulse[a, j] - packed[width * k + j]
+            B[width * k + j, rows] = solution.impulse[a, j] - packed[width * k + j]
     eliminate(B, rows)
     for k, a in enumerate(closed):
         for j in range(width):
-            contacts.impulse[a, j] = B[width * k + j, rows]
+            solution.impulse[a, j] = B[width * k + j, rows]
 
 
 @inlined
-def add_kept_impulses(closed: Array, width: int, contacts: Table, delassus: Delassus) -> None:
+def add_kept_impulses(closed: Array, width: int, contacts: Contacts, delassus: Delassus) -> None:
     """Add the impulses that `solve_correction` kept to its correction."""
     for k, a in enumerate(closed):
         for j in range(width):
-            contacts.impulse[a, j] += delassus.packed[width * k + j]
+            contacts.solution.impulse[a, j] += delassus.packed[width * k + j]

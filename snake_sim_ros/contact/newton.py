@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
+from snake_sim_ros.contact.contacts import Contacts, FREE
 from snake_sim_ros.contact.delassus import condense, condensed_twists, Delassus, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
@@ -51,10 +52,10 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Reduced,
 )
-from snake_sim_ros.contact.problem import ContactHistory, FREE, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array, Scene
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
@@ -106,7 +107,9 @@ def make_operator(most: int, scene: Scene) -> Operator:
 
 
 @compiled
-def law_error(laws: Laws, closed: Array, contacts: Table, fraction: float) -> tuple[float, float]:
+def law_error(
+    laws: Laws, closed: Array, contacts: Contacts, fraction: float
+) -> tuple[float, float]:
     """
     Compare impulses and laws at a fraction of the way from the trial to the solution.
 
@@ -122,19 +125,20 @@ def law_error(laws: Laws, closed: Array, contacts: Table, fraction: float) -> tu
         Largest ``|P - P(gamma)|/r`` [m/s].
 
     """
+    solution, newton = contacts.solution, contacts.newton
     slope = normal = sliding = rolling = 0.0
     for a in closed:
-        step = contacts.gamma[a, 0] - contacts.trial[a, 0]
+        step = solution.gamma[a, 0] - newton.trial[a, 0]
         P_N, _ = normal_law(
             laws,
-            contacts.selection_center[a],
-            contacts.anchor[a, 0],
-            contacts.trial[a, 0] + fraction * step,
+            solution.selection_center[a],
+            newton.anchor[a, 0],
+            newton.trial[a, 0] + fraction * step,
         )
-        radius = P_N if contacts.disc_radius[a] == FREE else contacts.disc_radius[a]
+        radius = P_N if newton.disc_radius[a] == FREE else newton.disc_radius[a]
         radius *= grip(laws.other, contacts, a)
-        P = contacts.iterate[a, 0]
-        d = P + fraction * (contacts.impulse[a, 0] - P) - P_N
+        P = newton.iterate[a, 0]
+        d = P + fraction * (solution.impulse[a, 0] - P) - P_N
         normal = max(normal, abs(d))
         slope += d * step
         disc = anchored_disc(laws, laws.other, contacts, a)
@@ -152,24 +156,25 @@ def law_error(laws: Laws, closed: Array, contacts: Table, fraction: float) -> tu
 
 @inlined
 def disc_law_error(
-    disc: Disc, contacts: Table, a: int, radius: float, fraction: float
+    disc: Disc, contacts: Contacts, a: int, radius: float, fraction: float
 ) -> tuple[float, float]:
     """Return |P - P(gamma)| of one kind of friction at contact a, and its part of the slope."""
+    solution, newton = contacts.solution, contacts.newton
     k = disc.column
-    x, y = contacts.trial[a, k], contacts.trial[a, k + 1]
-    step_x, step_y = contacts.gamma[a, k] - x, contacts.gamma[a, k + 1] - y
+    x, y = newton.trial[a, k], newton.trial[a, k + 1]
+    step_x, step_y = solution.gamma[a, k] - x, solution.gamma[a, k + 1] - y
     law_x, law_y, _, _, _, _, _ = disc_law(
-        disc, contacts.anchor[a, k], contacts.anchor[a, k + 1],
+        disc, newton.anchor[a, k], newton.anchor[a, k + 1],
         x + fraction * step_x, y + fraction * step_y, radius,
     )  # fmt: skip
-    P_x, P_y = contacts.iterate[a, k], contacts.iterate[a, k + 1]
-    d_x = P_x + fraction * (contacts.impulse[a, k] - P_x) - law_x
-    d_y = P_y + fraction * (contacts.impulse[a, k + 1] - P_y) - law_y
+    P_x, P_y = newton.iterate[a, k], newton.iterate[a, k + 1]
+    d_x = P_x + fraction * (solution.impulse[a, k] - P_x) - law_x
+    d_y = P_y + fraction * (solution.impulse[a, k + 1] - P_y) - law_y
     return math.sqrt(d_x * d_x + d_y * d_y), d_x * step_x + d_y * step_y
 
 
 @inlined
-def line_search(laws: Laws, closed: Array, contacts: Table) -> float:
+def line_search(laws: Laws, closed: Array, contacts: Contacts) -> float:
     """
     Return the fraction of the way at which the slope of `law_error` nearly vanishes.
 
@@ -201,52 +206,55 @@ def line_search(laws: Laws, closed: Array, contacts: Table) -> float:
 
 
 @inlined
-def move_trial(closed: Array, contacts: Table, fraction: float) -> None:
+def move_trial(closed: Array, contacts: Contacts, fraction: float) -> None:
     """
     Move trial and iterate of the contacts a fraction of the way to the solution.
 
     `trial` moves toward `gamma`, `iterate` toward `impulse`. The fraction is from 0 to 1.
     """
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
         for j in range(5):
-            trial, P = contacts.trial[a, j], contacts.iterate[a, j]
+            trial, P = newton.trial[a, j], newton.iterate[a, j]
             if fraction == 1.0:  # exact to the last bit
-                contacts.trial[a, j], contacts.iterate[a, j] = (
-                    contacts.gamma[a, j],
-                    contacts.impulse[a, j],
+                newton.trial[a, j], newton.iterate[a, j] = (
+                    solution.gamma[a, j],
+                    solution.impulse[a, j],
                 )
             else:
-                contacts.trial[a, j] = trial + fraction * (contacts.gamma[a, j] - trial)
-                contacts.iterate[a, j] = P + fraction * (contacts.impulse[a, j] - P)
+                newton.trial[a, j] = trial + fraction * (solution.gamma[a, j] - trial)
+                newton.iterate[a, j] = P + fraction * (solution.impulse[a, j] - P)
 
 
 @inlined
-def largest_load(closed: Array, contacts: Table) -> float:
+def largest_load(closed: Array, contacts: Contacts) -> float:
     """Return the largest normal impulse of the closed contacts [N s]."""
     largest = 0.0
     for a in closed:
-        largest = max(largest, contacts.impulse[a, 0])
+        largest = max(largest, contacts.solution.impulse[a, 0])
     return largest
 
 
 @inlined
-def small_load(laws: Laws, closed: Array, contacts: Table) -> float:
+def small_load(laws: Laws, closed: Array, contacts: Contacts) -> float:
     """Return what may be wrong of a normal impulse [N s]."""
     share = LOAD_ACCURACY * max(1.0, laws.residual_tolerance / USUAL_TOLERANCE)
     return share * largest_load(closed, contacts)
 
 
 @inlined
-def largest_correction(closed: Array, contacts: Table) -> float:
+def largest_correction(closed: Array, contacts: Contacts) -> float:
     """Return by how much the last iteration changed a normal impulse, at most [N s]."""
     largest = 0.0
     for a in closed:
-        largest = max(largest, abs(contacts.impulse[a, 0] - contacts.iterate[a, 0]))
+        largest = max(
+            largest, abs(contacts.solution.impulse[a, 0] - contacts.newton.iterate[a, 0])
+        )
     return largest
 
 
 @compiled
-def is_negligible(laws: Laws, closed: Array, contacts: Table, residual: float) -> bool:
+def is_negligible(laws: Laws, closed: Array, contacts: Contacts, residual: float) -> bool:
     """
     Return whether any velocities up to a residual [m/s] leave the loads accurate.
 
@@ -259,7 +267,7 @@ def is_negligible(laws: Laws, closed: Array, contacts: Table, residual: float) -
 
 
 @compiled
-def loads_are_accurate(laws: Laws, closed: Array, contacts: Table, residual: float) -> bool:
+def loads_are_accurate(laws: Laws, closed: Array, contacts: Contacts, residual: float) -> bool:
     """
     Return whether a residual [m/s] that is left of friction alone leaves the loads accurate.
 
@@ -274,21 +282,21 @@ def loads_are_accurate(laws: Laws, closed: Array, contacts: Table, residual: flo
 
 @compiled
 def friction_is_accurate(
-    laws: Laws, closed: Array, contacts: Table, residual: float, wrong: float
+    laws: Laws, closed: Array, contacts: Contacts, residual: float, wrong: float
 ) -> bool:
     """Return whether friction leaves the loads accurate to `wrong` [N s]; see the module."""
     still = laws.compliance * wrong
     most = wrong / residual
     sticking = 0
     for a in closed:
-        radius = grip(laws.other, contacts, a) * contacts.impulse[a, 0]
+        radius = grip(laws.other, contacts, a) * contacts.solution.impulse[a, 0]
         if radius <= 0.0:
             continue
         v = speed(contacts, a, 1)
         if still < v <= residual:
             sticking += 1
         elif v > residual:
-            disc = sliding_disc(laws, laws.other, a, contacts.impulse[a, 1])
+            disc = sliding_disc(laws, laws.other, a, contacts.solution.impulse[a, 1])
             if not turns_little(disc, radius, laws.r_T, v, most):
                 return False
         if laws.rolling.mu_x > 0.0:
@@ -303,9 +311,9 @@ def friction_is_accurate(
 
 
 @inlined
-def speed(contacts: Table, a: int, k: int) -> float:
+def speed(contacts: Contacts, a: int, k: int) -> float:
     """Return the length of the components k and k+1 of the velocity of contact a [m/s]."""
-    return math.sqrt(contacts.gamma[a, k] ** 2 + contacts.gamma[a, k + 1] ** 2)
+    return math.sqrt(contacts.solution.gamma[a, k] ** 2 + contacts.solution.gamma[a, k + 1] ** 2)
 
 
 @inlined
@@ -335,7 +343,7 @@ def corrections_end(correction: float, before: float, wrong: float) -> bool:
 def refines(
     laws: Laws,
     closed: Array,
-    contacts: Table,
+    contacts: Contacts,
     residual: float,
     best: float,
     before: float,
@@ -393,7 +401,7 @@ def iterate_laws(
     """
     laws, closed, contacts, _ = problem
     for a in closed:
-        contacts.disc_radius[a] = contacts.held_radius[a] if held else FREE
+        contacts.newton.disc_radius[a] = contacts.newton.held_radius[a] if held else FREE
     residual = printed = math.inf
     exact = goes_on = False
     best = last = math.inf
@@ -498,32 +506,34 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
 
 
 @inlined
-def end_held(relaxation: float, closed: Array, contacts: Table) -> None:
+def end_held(relaxation: float, closed: Array, contacts: Contacts) -> None:
     """Move the radii that are held by a share of their steps, and keep the end of the round."""
+    newton = contacts.newton
     for a in closed:
-        contacts.held_radius[a] = max(
-            0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
+        newton.held_radius[a] = max(
+            0.0, newton.held_radius[a] + relaxation * newton.radius_step[a]
         )
         for j in range(5):
-            contacts.saved_trial[a, j] = contacts.trial[a, j]
-            contacts.saved_iterate[a, j] = contacts.iterate[a, j]
+            newton.saved_trial[a, j] = newton.trial[a, j]
+            newton.saved_iterate[a, j] = newton.iterate[a, j]
 
 
 @inlined
-def begin_held(rounds: int, closed: Array, contacts: Table) -> None:
+def begin_held(rounds: int, closed: Array, contacts: Contacts) -> None:
     """Return to the end of the last round or, before the first one, hold the present radii."""
+    newton = contacts.newton
     for a in closed:
         if rounds > 0:
             for j in range(5):
-                contacts.trial[a, j] = contacts.saved_trial[a, j]
-                contacts.iterate[a, j] = contacts.saved_iterate[a, j]
+                newton.trial[a, j] = newton.saved_trial[a, j]
+                newton.iterate[a, j] = newton.saved_iterate[a, j]
         else:
-            contacts.held_radius[a] = max(0.0, contacts.iterate[a, 0])
-            contacts.radius_step[a] = 0.0
+            newton.held_radius[a] = max(0.0, newton.iterate[a, 0])
+            newton.radius_step[a] = 0.0
 
 
 @inlined
-def restart_radii(rounds: int, closed: Array, contacts: Table, pairs: Delassus) -> None:
+def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus) -> None:
     """
     Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
@@ -531,6 +541,7 @@ def restart_radii(rounds: int, closed: Array, contacts: Table, pairs: Delassus) 
     onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no
     `pairs`, or none with rows; see `linear_problem.couple_pairs`.
     """
+    newton = contacts.newton
     if pairs is None or len(pairs.operator) == 0:
         return
     if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
@@ -538,13 +549,13 @@ def restart_radii(rounds: int, closed: Array, contacts: Table, pairs: Delassus) 
     radius = 0.0
     if rounds > RESTART_ROUNDS:
         for a in closed:
-            radius = max(radius, contacts.anchor[a, 0])
+            radius = max(radius, newton.anchor[a, 0])
     for a in closed:
-        contacts.held_radius[a], contacts.radius_step[a] = radius, 0.0
+        newton.held_radius[a], newton.radius_step[a] = radius, 0.0
 
 
 @inlined
-def find_radius_steps(closed: Array, contacts: Table) -> tuple[float, float]:
+def find_radius_steps(closed: Array, contacts: Contacts) -> tuple[float, float]:
     """
     Fill the differences between the normal impulses and the radii that were held for them.
 
@@ -556,12 +567,13 @@ def find_radius_steps(closed: Array, contacts: Table) -> tuple[float, float]:
         Product of the new differences with the old ones, and with themselves.
 
     """
+    newton = contacts.newton
     along = size = 0.0
     for a in closed:
-        step = contacts.anchor[a, 0] - contacts.held_radius[a]
-        along += step * contacts.radius_step[a]
+        step = newton.anchor[a, 0] - newton.held_radius[a]
+        along += step * newton.radius_step[a]
         size += step * step
-        contacts.radius_step[a] = step
+        newton.radius_step[a] = step
     return along, size
 
 
@@ -648,7 +660,7 @@ def attempts_with_sweeps(operator: Operator | None) -> int:
 
 @inlined
 def sweep_contacts(
-    laws: Laws, closed: Array, contacts: Table, operator: Operator, sweeps: int
+    laws: Laws, closed: Array, contacts: Contacts, operator: Operator, sweeps: int
 ) -> None:
     """Do some sweeps over the contacts of the operator; see `sweeps.improve`."""
     if operator is not None:
@@ -657,7 +669,7 @@ def sweep_contacts(
 
 @inlined
 def fill_twists(
-    laws: Laws, closed: Array, contacts: Table, chain: Chain, operator: Operator | None
+    laws: Laws, closed: Array, contacts: Contacts, chain: Chain, operator: Operator | None
 ) -> None:
     """Fill the twists of the links that impulses found on the operator cause."""
     if operator is not None:

@@ -5,6 +5,7 @@
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
 from snake_sim_ros.contact.laws import (
     grip,
@@ -18,7 +19,7 @@ from snake_sim_ros.contact.laws import (
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 # A contact problem with more impulse components is not condensed: it would not pay.
@@ -26,27 +27,28 @@ MOST_CONDENSED_ROWS = 48
 
 
 @compiled
-def copy_impulses(closed: Array, impulse: Array, contacts: Table) -> None:
+def copy_impulses(closed: Array, impulse: Array, contacts: Contacts) -> None:
     """Copy the impulses of the closed contacts, from shape (contacts, 5) [N s], to the table."""
     for a in closed:
         for j in range(5):
-            contacts.impulse[a, j] = impulse[a, j]
+            contacts.solution.impulse[a, j] = impulse[a, j]
 
 
 @compiled
-def forget_open(closed: Array, contacts: Table, impulse: Array) -> None:
+def forget_open(closed: Array, contacts: Contacts, impulse: Array) -> None:
     """Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0."""
+    newton = contacts.newton
     for a in closed:
-        contacts.is_closed[a] = 1
-    for a in range(len(contacts)):
-        if contacts.is_closed[a] == 0:
+        newton.is_closed[a] = 1
+    for a in range(len(impulse)):
+        if newton.is_closed[a] == 0:
             for j in range(5):
                 impulse[a, j] = 0.0
-        contacts.is_closed[a] = 0
+        newton.is_closed[a] = 0
 
 
 @merged
-def prox_sweep(laws: Laws, closed: Array, contacts: Table, impulse: Array) -> float:
+def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) -> float:
     """
     Fill `impulse` with one projection of the impulses in the table, eqs. (87)-(89).
 
@@ -58,24 +60,25 @@ def prox_sweep(laws: Laws, closed: Array, contacts: Table, impulse: Array) -> fl
         Left side of the stopping rule (93) [N s].
 
     """
+    solution = contacts.solution
     normal = sliding = rolling = 0.0
     for a in closed:
-        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
-        rule = laws.compliance * (P_N - contacts.selection_center[a])
-        new = prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule))
+        P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
+        rule = laws.compliance * (P_N - solution.selection_center[a])
+        new = prox_half_line(P_N - laws.r_N * (solution.gamma[a, 0] + rule))
         radius = grip(laws.other, contacts, a) * new
-        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        x, y = P_x - laws.r_T * solution.gamma[a, 1], P_y - laws.r_T * solution.gamma[a, 2]
         disc = sliding_disc(laws, laws.other, a, x)
         new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
         normal += (new - P_N) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = new, new_x, new_y
-        P_x, P_y = contacts.impulse[a, 3], contacts.impulse[a, 4]
+        P_x, P_y = solution.impulse[a, 3], solution.impulse[a, 4]
         new_x = new_y = 0.0
         if laws.rolling.mu_x > 0.0:
             new_x, new_y = prox_disc(
-                P_x - laws.r_V * contacts.gamma[a, 3],
-                P_y - laws.r_V * contacts.gamma[a, 4],
+                P_x - laws.r_V * solution.gamma[a, 3],
+                P_y - laws.r_V * solution.gamma[a, 4],
                 rolling_disc(laws, laws.other, a).mu_x * radius,
             )
         rolling += (new_x - P_x) ** 2 + (new_y - P_y) ** 2

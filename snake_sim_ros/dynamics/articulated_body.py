@@ -25,7 +25,20 @@ of the joint between both, and A the articulated inertia of everything from the 
 
 from typing import Any, NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Packs
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.spatial_vectors import (
+    add,
+    add_reduced,
+    combine,
+    combine_rows,
+    dot,
+    factor,
+    row_of,
+    rows_of,
+    Six,
+    solve,
+    store,
+)
 from snake_sim_ros.scene.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -83,12 +96,32 @@ def reset_chain(chain: Chain) -> None:
         chain.rate[j, 0] = chain.rate[j, 1] = 0.0
 
 
+class Joints(NamedTuple):
+    """
+    The joints of a chain as the sweeps take them; joint j is between the links j and j+1.
+
+    Its arrays are those of a `Chain`. `articulated_inertia` reads axis and damping, and fills
+    left, right and compliance; `articulated_velocity` reads these and fills load.
+    """
+
+    axis: Array
+    damping: Array
+    left: Array
+    right: Array
+    compliance: Array
+    load: Array
+
+
+@inlined
+def joints_of(chain: Chain) -> Joints:
+    """Return the joints of a chain."""
+    return Joints(chain.axis, chain.damping, chain.left, chain.right, chain.compliance, chain.load)
+
+
 @inlined
 def factor_chain(chain: Chain) -> None:
     """Prepare the chain for solutions, with the link inertias in chain.inertia."""
-    articulated_inertia(
-        chain.axis, chain.damping, chain.inertia, chain.left, chain.right, chain.compliance
-    )
+    articulated_inertia(joints_of(chain), chain.inertia)
 
 
 @inlined
@@ -104,20 +137,19 @@ def solve_chain(chain: Chain, torque: Array) -> None:
         Impulse on every joint axis [N m s].
 
     """
+    root_factor = chain.inertia[len(chain.inertia) // 2]
     articulated_velocity(
-        chain.axis, chain.left, chain.right, chain.compliance,
-        chain.inertia[len(chain.inertia) // 2], torque, chain.wrench,
-        chain.load, chain.rate, chain.twist,
-    )  # fmt: skip
+        joints_of(chain), root_factor, torque, chain.wrench, chain.rate, chain.twist
+    )
 
 
 @inlined
 def solve_residual(chain: Chain) -> None:
     """Fill chain.correction, the twists that residual torques and chain.wrench cause."""
+    root_factor = chain.inertia[len(chain.inertia) // 2]
     articulated_velocity(
-        chain.axis, chain.left, chain.right, chain.compliance,
-        chain.inertia[len(chain.inertia) // 2], chain.residual_torque, chain.wrench,
-        chain.load, chain.rate_correction, chain.correction,
+        joints_of(chain), root_factor, chain.residual_torque, chain.wrench,
+        chain.rate_correction, chain.correction,
     )  # fmt: skip
 
 
@@ -166,57 +198,38 @@ def find_residual(chain: Chain) -> None:
 
 
 @compiled
-def articulated_inertia(
-    axis: Array, damping: Array, inertia: Array, left: Array, right: Array, compliance: Array
-) -> None:
+def articulated_inertia(joints: Joints, inertia: Array) -> None:
     """
     Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
 
-    Joint j is between link j and link j+1 (counted from 0).
-
     Parameters
     ----------
-    axis : ndarray, shape (n-1, 2, 6)
-        Twists S of the joint axes: of the outer link against its parent.
-    damping : ndarray, shape (n-1, 3)
-        Entries 11, 12, 22 of the impulse per rate that resists the axes [N m s^2].
+    joints : Joints
     inertia : ndarray, shape (n, 6, 6)
         On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
         the factors of the articulated inertia of the root.
-    left, right : ndarray, shape (n-1, 2, 6)
-        Filled with A S D^-1 and D^-1 S^T A.
-    compliance : ndarray, shape (n-1, 4)
-        Filled with the entries 11, 12, 21, 22 of D^-1.
 
     """
     n = len(inertia)
     root = n // 2
     for k in range(root):
-        fold_inertia(k, axis, damping, inertia[k], inertia[k + 1], left, right, compliance)
+        fold_inertia(joints, k, inertia[k], inertia[k + 1])
         i = n - 1 - k
         if i > root:
-            parent = inertia[i - 1]
-            fold_inertia(i - 1, axis, damping, inertia[i], parent, left, right, compliance)
+            fold_inertia(joints, i - 1, inertia[i], inertia[i - 1])
     factor(inertia[root])
 
 
 @inlined
-def fold_inertia(
-    j: int,
-    axis: Array,
-    damping: Array,
-    A: Array,
-    parent: Array,
-    left: Array,
-    right: Array,
-    compliance: Array,
-) -> None:
+def fold_inertia(joints: Joints, j: int, A: Array, parent: Array) -> None:
     """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
+    axis, damping, compliance = joints.axis, joints.damping, joints.compliance
     s0, s1 = row_of(axis[j], 0), row_of(axis[j], 1)
-    a0, a1, a2, a3, a4, a5 = rows_of(A)
+    rows = rows_of(A)
+    a0, a1, a2, a3, a4, a5 = rows
     g0 = (dot(a0, s0), dot(a1, s0), dot(a2, s0), dot(a3, s0), dot(a4, s0), dot(a5, s0))
     g1 = (dot(a0, s1), dot(a1, s1), dot(a2, s1), dot(a3, s1), dot(a4, s1), dot(a5, s1))
-    h0, h1 = combine_rows(s0, a0, a1, a2, a3, a4, a5), combine_rows(s1, a0, a1, a2, a3, a4, a5)
+    h0, h1 = combine_rows(s0, rows), combine_rows(s1, rows)
     d00, d01 = damping[j, 0] + dot(s0, g0), damping[j, 1] + dot(s0, g1)
     d10, d11 = damping[j, 1] + dot(s1, g0), damping[j, 2] + dot(s1, g1)
     scale = 1.0 / (d00 * d11 - d01 * d10)
@@ -224,32 +237,23 @@ def fold_inertia(
     compliance[j, 0], compliance[j, 1] = c00, c01
     compliance[j, 2], compliance[j, 3] = c10, c11
     g0, g1 = combine(c00, g0, c10, g1), combine(c01, g0, c11, g1)
-    add_reduced(parent, (a0, a1, a2, a3, a4, a5), g0, h0, g1, h1)
-    store(left[j], 0, g0)
-    store(left[j], 1, g1)
-    store(right[j], 0, combine(c00, h0, c01, h1))
-    store(right[j], 1, combine(c10, h0, c11, h1))
+    add_reduced(parent, rows, g0, h0, g1, h1)
+    store(joints.left[j], 0, g0)
+    store(joints.left[j], 1, g1)
+    store(joints.right[j], 0, combine(c00, h0, c01, h1))
+    store(joints.right[j], 1, combine(c10, h0, c11, h1))
 
 
 @compiled
 def articulated_velocity(
-    axis: Array,
-    left: Array,
-    right: Array,
-    compliance: Array,
-    root_factor: Array,
-    torque: Array,
-    wrench: Array,
-    load: Array,
-    rate: Array,
-    twist: Array,
+    joints: Joints, root_factor: Array, torque: Array, wrench: Array, rate: Array, twist: Array
 ) -> None:
     """
     Fill the twists of all links under given loads.
 
     Parameters
     ----------
-    axis, left, right, compliance : ndarray
+    joints : Joints
         As filled by `articulated_inertia`.
     root_factor : ndarray, shape (6, 6)
         LU factors of the articulated inertia of the root.
@@ -257,8 +261,6 @@ def articulated_velocity(
         Impulse on every joint axis [N m s].
     wrench : ndarray, shape (n, 6)
         Momentum and impulse wrench of every link together.
-    load : ndarray, shape (n-1, 2)
-        Filled with the loads of the joint axes [N m s].
     rate : ndarray, shape (n-1, 2)
         Filled with the rates of the joint axes [rad/s].
     twist : ndarray, shape (n, 6)
@@ -269,33 +271,27 @@ def articulated_velocity(
     root = n // 2
     arm, other = ZERO, ZERO
     for k in range(root):
-        arm = fold(k, axis, left, torque, load, add(arm, row_of(wrench, k)))
+        arm = fold(joints, k, torque, add(arm, row_of(wrench, k)))
         i = n - 1 - k
         if i > root:
-            other = fold(i - 1, axis, left, torque, load, add(other, row_of(wrench, i)))
+            other = fold(joints, i - 1, torque, add(other, row_of(wrench, i)))
     arm = solve(root_factor, add(add(arm, other), row_of(wrench, root)))
     other = arm
     store(twist, root, arm)
     for k in range(root):
         i = root - 1 - k
-        arm = unfold(i, axis, right, compliance, load, rate, arm)
+        arm = unfold(joints, i, rate, arm)
         store(twist, i, arm)
         i = root + 1 + k
         if i < n:
-            other = unfold(i - 1, axis, right, compliance, load, rate, other)
+            other = unfold(joints, i - 1, rate, other)
             store(twist, i, other)
 
 
 @inlined
-def fold(
-    j: int,
-    axis: Array,
-    left: Array,
-    torque: Array,
-    load: Array,
-    w: tuple[float, float, float, float, float, float],
-) -> tuple[float, float, float, float, float, float]:
+def fold(joints: Joints, j: int, torque: Array, w: Six) -> Six:
     """Return what the parent of joint j feels of the wrench w beyond; store its load."""
+    axis, left, load = joints.axis, joints.left, joints.load
     load0 = torque[j, 0] + dot(row_of(axis[j], 0), w)
     load1 = torque[j, 1] + dot(row_of(axis[j], 1), w)
     load[j, 0], load[j, 1] = load0, load1
@@ -310,145 +306,11 @@ def fold(
 
 
 @inlined
-def unfold(
-    j: int,
-    axis: Array,
-    right: Array,
-    compliance: Array,
-    load: Array,
-    rate: Array,
-    v: tuple[float, float, float, float, float, float],
-) -> tuple[float, float, float, float, float, float]:
+def unfold(joints: Joints, j: int, rate: Array, v: Six) -> Six:
     """Return the twist of the link beyond joint j from that of its parent, v; store the rates."""
-    load0, load1 = load[j, 0], load[j, 1]
+    axis, right, compliance = joints.axis, joints.right, joints.compliance
+    load0, load1 = joints.load[j, 0], joints.load[j, 1]
     rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(row_of(right[j], 0), v)
     rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(row_of(right[j], 1), v)
     rate[j, 0], rate[j, 1] = rate0, rate1
     return add(v, combine(rate0, row_of(axis[j], 0), rate1, row_of(axis[j], 1)))
-
-
-@compiled
-def factor(A: Array) -> None:
-    """Replace a 6x6 matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
-    for k in range(6):
-        A[k, k] = 1.0 / A[k, k]
-        for i in range(k + 1, 6):
-            A[i, k] *= A[k, k]
-            for j in range(k + 1, 6):
-                A[i, j] -= A[i, k] * A[k, j]
-
-
-@compiled
-def solve(
-    A: Array, w: tuple[float, float, float, float, float, float]
-) -> tuple[float, float, float, float, float, float]:
-    """Return x with L U x = w, for the factors that `factor` left in A."""
-    x0 = w[0]
-    x1 = w[1] - A[1, 0] * x0
-    x2 = w[2] - A[2, 0] * x0 - A[2, 1] * x1
-    x3 = w[3] - A[3, 0] * x0 - A[3, 1] * x1 - A[3, 2] * x2
-    x4 = w[4] - A[4, 0] * x0 - A[4, 1] * x1 - A[4, 2] * x2 - A[4, 3] * x3
-    x5 = w[5] - A[5, 0] * x0 - A[5, 1] * x1 - A[5, 2] * x2 - A[5, 3] * x3 - A[5, 4] * x4
-    x5 = x5 * A[5, 5]
-    x4 = (x4 - A[4, 5] * x5) * A[4, 4]
-    x3 = (x3 - A[3, 5] * x5 - A[3, 4] * x4) * A[3, 3]
-    x2 = (x2 - A[2, 5] * x5 - A[2, 4] * x4 - A[2, 3] * x3) * A[2, 2]
-    x1 = (x1 - A[1, 5] * x5 - A[1, 4] * x4 - A[1, 3] * x3 - A[1, 2] * x2) * A[1, 1]
-    x0 = x0 - A[0, 5] * x5 - A[0, 4] * x4 - A[0, 3] * x3 - A[0, 2] * x2 - A[0, 1] * x1
-    return x0 * A[0, 0], x1, x2, x3, x4, x5
-
-
-# Functions of six numbers, which a processor keeps in registers.
-
-
-@inlined
-def row_of(A: Array, i: int) -> tuple[float, float, float, float, float, float]:
-    """Return A[i] as a tuple."""
-    return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
-
-
-@merged
-def rows_of(
-    A: Array,
-) -> tuple[
-    tuple[float, float, float, float, float, float],
-    tuple[float, float, float, float, float, float],
-    tuple[float, float, float, float, float, float],
-    tuple[float, float, float, float, float, float],
-    tuple[float, float, float, float, float, float],
-    tuple[float, float, float, float, float, float],
-]:
-    """Return the six rows of A as tuples."""
-    return (
-        (A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4], A[0, 5]),
-        (A[1, 0], A[1, 1], A[1, 2], A[1, 3], A[1, 4], A[1, 5]),
-        (A[2, 0], A[2, 1], A[2, 2], A[2, 3], A[2, 4], A[2, 5]),
-        (A[3, 0], A[3, 1], A[3, 2], A[3, 3], A[3, 4], A[3, 5]),
-        (A[4, 0], A[4, 1], A[4, 2], A[4, 3], A[4, 4], A[4, 5]),
-        (A[5, 0], A[5, 1], A[5, 2], A[5, 3], A[5, 4], A[5, 5]),
-    )
-
-
-@compiled
-def store(A: Array, i: int, w: tuple[float, float, float, float, float, float]) -> None:
-    """Write the tuple w to A[i]."""
-    A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
-
-
-@inlined
-def dot(a: Packs, b: Packs) -> Any:
-    """Return a . b."""
-    return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
-
-
-@inlined
-def add(a: Packs, b: Packs) -> Packs:
-    """Return a + b."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5]
-
-
-@inlined
-def combine(x: Any, a: Packs, y: Any, b: Packs) -> Packs:
-    """Return x a + y b."""
-    return (
-        x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
-        x * a[3] + y * b[3], x * a[4] + y * b[4], x * a[5] + y * b[5],
-    )  # fmt: skip
-
-
-@inlined
-def combine_rows(
-    s: tuple[float, float, float, float, float, float],
-    a0: tuple[float, float, float, float, float, float],
-    a1: tuple[float, float, float, float, float, float],
-    a2: tuple[float, float, float, float, float, float],
-    a3: tuple[float, float, float, float, float, float],
-    a4: tuple[float, float, float, float, float, float],
-    a5: tuple[float, float, float, float, float, float],
-) -> tuple[float, float, float, float, float, float]:
-    """Return the sum of s[k] a_k."""
-    return add(
-        add(combine(s[0], a0, s[1], a1), combine(s[2], a2, s[3], a3)), combine(s[4], a4, s[5], a5)
-    )
-
-
-@merged
-def add_reduced(
-    A: Array,
-    rows: tuple[
-        tuple[float, float, float, float, float, float],
-        tuple[float, float, float, float, float, float],
-        tuple[float, float, float, float, float, float],
-        tuple[float, float, float, float, float, float],
-        tuple[float, float, float, float, float, float],
-        tuple[float, float, float, float, float, float],
-    ],
-    x: tuple[float, float, float, float, float, float],
-    b: tuple[float, float, float, float, float, float],
-    y: tuple[float, float, float, float, float, float],
-    c: tuple[float, float, float, float, float, float],
-) -> None:
-    """Add to A the matrix with the given rows, minus x b^T and y c^T."""
-    for i in range(6):
-        for j in range(6):
-            A[i, j] += rows[i][j] - x[i] * b[j] - y[i] * c[j]

@@ -55,8 +55,7 @@ def control_impulses(
                 (start[j, k, 0], start[j, k, 1]),
                 (mid[j, k, 0], mid[j, k, 1]),
                 (angle[j, k], known_rate),
-                stiffness,
-                robot.damping[j, k],
+                (stiffness, robot.damping[j, k]),
             )
             torques[j, k] = (held + torque) * dt
             dampings[j, k] = damping * dt
@@ -160,7 +159,12 @@ def link_inertia(robot: Mechanism, R: Array, center: Array, inertia: Array) -> N
 
 @inlined
 def smooth_momentum(
-    robot: Mechanism, dt: float, u: Array, u_h: Array, R: Array, center: Array, momentum: Array
+    robot: Mechanism,
+    dt: float,
+    velocities: tuple[Array, Array],
+    R: Array,
+    center: Array,
+    momentum: Array,
 ) -> None:
     """
     Fill the momentum ``M u + h(u_h) dt`` of every link as a wrench about O, eq. (75).
@@ -171,9 +175,9 @@ def smooth_momentum(
         Masses, moments of inertia and gravity.
     dt : float
         Time over which gravity and gyroscopic torques act [s].
-    u, u_h : ndarray, shape (n, 6)
-        Velocities [m/s, frame I] and angular velocities [rad/s, frame B], of the momentum and of
-        the gyroscopic torques.
+    velocities : tuple of ndarray, shape (n, 6)
+        u and u_h: velocities [m/s, frame I] and angular velocities [rad/s, frame B], of the
+        momentum and of the gyroscopic torques.
     R : ndarray, shape (n, 3, 3)
         Link frames in I.
     center : ndarray, shape (n, 3)
@@ -182,6 +186,7 @@ def smooth_momentum(
         Filled: moment about O [N m s] and impulse [N s], in axes of I.
 
     """
+    u, u_h = velocities
     for i in range(len(u)):
         slender = (robot.inertia_axial[i] - robot.inertia_transversal[i]) * dt
         wx, wy, wz = u_h[i, 3], u_h[i, 4], u_h[i, 5]

@@ -224,7 +224,8 @@ class Columns:
     def __init__(self, records: Any) -> None:
         self.records = records.view(np.recarray)
         for name in records.dtype.names:
-            setattr(self, name, records[name])
+            column = records[name]
+            setattr(self, name, column if column.dtype.names is None else Columns(column))
 
     def __len__(self) -> int:
         """Return the number of records."""

@@ -18,12 +18,32 @@ give the velocities without contact impulses, ``X f``.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.articulated_body import add, Chain, combine, dot, row_of, store
+from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import inlined, Packs, pair, square_root
+from snake_sim_ros.dynamics.spatial_vectors import (
+    add,
+    add_links,
+    both_arms,
+    combine,
+    dot,
+    inertia_of_first_arm,
+    lane_of,
+    less,
+    of_first_arm,
+    reduced,
+    row_of,
+    row_pair,
+    scaled,
+    Six,
+    store,
+    store_pair,
+    Symmetric,
+    symmetric_times,
+)
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -77,7 +97,7 @@ def factor_free(chain: Chain) -> None:
         i, j = opposite(n, k)
         A = add_links(A, bare[k], bare[i])
         w = add(w, row_pair(momentum, k, i))
-        A, w = fold_free(chain, k, j, joint_column(n, k), joint_column(n, j), A, w)
+        A, w = fold_free(chain, k, j, A, w)
         if i == 0:
             A, w = inertia_of_first_arm(A), of_first_arm(w)
     factor_root(free.root, root_inertia(A, bare[root]))
@@ -87,62 +107,7 @@ def factor_free(chain: Chain) -> None:
 
 
 @inlined
-def fold_free(
-    chain: Chain,
-    j: int,
-    other: int,
-    column: int,
-    other_column: int,
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    w: Packs,
-) -> tuple[
-    tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    Packs,
-]:
+def fold_free(chain: Chain, j: int, other: int, A: Symmetric, w: Packs) -> tuple[Symmetric, Packs]:
     """
     Return what the parents of two joints feel of the inertias and the wrenches beyond.
 
@@ -152,8 +117,6 @@ def fold_free(
         Its axis, damping and torque are read, and `chain.free` is filled.
     j, other : int
         Numbers of the joints.
-    column, other_column : int
-        Places of the joints in the loads.
     A : tuple of 21 pairs
         Articulated inertias beyond the joints: their upper triangles, row by row.
     w : tuple of 6 pairs
@@ -179,6 +142,8 @@ def fold_free(
     store_pair(free.reach[:, 0], j, other, scaled(r0, g0))
     store_pair(free.reach[:, 1], j, other, scaled(r1, g1))
     load0, load1 = r0 * load0, r1 * load1
+    n = len(chain.momentum)
+    column, other_column = joint_column(n, j), joint_column(n, other)
     free.load[column], free.load[column + 1] = load0[0], load1[0]
     free.load[other_column], free.load[other_column + 1] = load0[1], load1[1]
     load0, load1 = r0 * load0, r1 * load1
@@ -215,271 +180,8 @@ def unfold_free(free: FreeChain, load: Array, twist: Array) -> None:
         store_pair(twist, k, i, v)
 
 
-# Tuples of pairs.
-
-
 @inlined
-def row_pair(A: Array, i: int, j: int) -> Packs:
-    """Return the rows i and j of A, side by side."""
-    return (
-        pair(A[i, 0], A[j, 0]), pair(A[i, 1], A[j, 1]), pair(A[i, 2], A[j, 2]),
-        pair(A[i, 3], A[j, 3]), pair(A[i, 4], A[j, 4]), pair(A[i, 5], A[j, 5]),
-    )  # fmt: skip
-
-
-@inlined
-def store_pair(A: Array, i: int, j: int, w: Packs) -> None:
-    """Write the first numbers of w to row i of A, the second ones to row j."""
-    store(A, i, lane_of(w, 0))
-    store(A, j, lane_of(w, 1))
-
-
-@inlined
-def lane_of(w: Packs, k: int) -> tuple[float, float, float, float, float, float]:
-    """Return the k-th numbers of six pairs."""
-    return w[0][k], w[1][k], w[2][k], w[3][k], w[4][k], w[5][k]
-
-
-@inlined
-def both_arms(v: tuple[float, float, float, float, float, float]) -> Packs:
-    """Return pairs of the same numbers."""
-    return (
-        pair(v[0], v[0]), pair(v[1], v[1]), pair(v[2], v[2]),
-        pair(v[3], v[3]), pair(v[4], v[4]), pair(v[5], v[5]),
-    )  # fmt: skip
-
-
-@inlined
-def of_first_arm(w: Packs) -> Packs:
-    """Return w with 0 for the other arm."""
-    return (
-        pair(w[0][0], 0.0), pair(w[1][0], 0.0), pair(w[2][0], 0.0),
-        pair(w[3][0], 0.0), pair(w[4][0], 0.0), pair(w[5][0], 0.0),
-    )  # fmt: skip
-
-
-@inlined
-def less(a: Packs, x: Array, b: Packs) -> Packs:
-    """Return a - x b."""
-    return (
-        a[0] - x * b[0], a[1] - x * b[1], a[2] - x * b[2],
-        a[3] - x * b[3], a[4] - x * b[4], a[5] - x * b[5],
-    )  # fmt: skip
-
-
-# Symmetric matrices of 21 numbers, which a processor keeps in registers.
-
-
-@inlined
-def symmetric_times(
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    s: Packs,
-) -> Packs:
-    """Return A s."""
-    return (
-        (A[0] * s[0] + A[1] * s[1]) + (A[2] * s[2] + A[3] * s[3]) + (A[4] * s[4] + A[5] * s[5]),
-        (A[1] * s[0] + A[6] * s[1]) + (A[7] * s[2] + A[8] * s[3]) + (A[9] * s[4] + A[10] * s[5]),
-        (A[2] * s[0] + A[7] * s[1])
-        + (A[11] * s[2] + A[12] * s[3])
-        + (A[13] * s[4] + A[14] * s[5]),
-        (A[3] * s[0] + A[8] * s[1])
-        + (A[12] * s[2] + A[15] * s[3])
-        + (A[16] * s[4] + A[17] * s[5]),
-        (A[4] * s[0] + A[9] * s[1])
-        + (A[13] * s[2] + A[16] * s[3])
-        + (A[18] * s[4] + A[19] * s[5]),
-        (A[5] * s[0] + A[10] * s[1])
-        + (A[14] * s[2] + A[17] * s[3])
-        + (A[19] * s[4] + A[20] * s[5]),
-    )
-
-
-@inlined
-def reduced(
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    x: Packs,
-    a: Packs,
-    y: Packs,
-    b: Packs,
-) -> tuple[
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-]:
-    """Return ``A - x a^T - y b^T``, which is symmetric."""
-    return (
-        A[0] - x[0] * a[0] - y[0] * b[0], A[1] - x[0] * a[1] - y[0] * b[1],
-        A[2] - x[0] * a[2] - y[0] * b[2],
-        A[3] - x[0] * a[3] - y[0] * b[3], A[4] - x[0] * a[4] - y[0] * b[4],
-        A[5] - x[0] * a[5] - y[0] * b[5],
-        A[6] - x[1] * a[1] - y[1] * b[1], A[7] - x[1] * a[2] - y[1] * b[2],
-        A[8] - x[1] * a[3] - y[1] * b[3],
-        A[9] - x[1] * a[4] - y[1] * b[4], A[10] - x[1] * a[5] - y[1] * b[5],
-        A[11] - x[2] * a[2] - y[2] * b[2],
-        A[12] - x[2] * a[3] - y[2] * b[3], A[13] - x[2] * a[4] - y[2] * b[4],
-        A[14] - x[2] * a[5] - y[2] * b[5],
-        A[15] - x[3] * a[3] - y[3] * b[3], A[16] - x[3] * a[4] - y[3] * b[4],
-        A[17] - x[3] * a[5] - y[3] * b[5],
-        A[18] - x[4] * a[4] - y[4] * b[4], A[19] - x[4] * a[5] - y[4] * b[5],
-        A[20] - x[5] * a[5] - y[5] * b[5],
-    )  # fmt: skip
-
-
-@inlined
-def add_links(
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    bare: Array,
-    other: Array,
-) -> tuple[
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-]:
-    """Return A plus the inertias of two links; entries of the upper half, row by row."""
-    return (
-        A[0] + pair(bare[0, 0], other[0, 0]), A[1] + pair(bare[0, 1], other[0, 1]),
-        A[2] + pair(bare[0, 2], other[0, 2]), A[3] + pair(bare[0, 3], other[0, 3]),
-        A[4] + pair(bare[0, 4], other[0, 4]), A[5] + pair(bare[0, 5], other[0, 5]),
-        A[6] + pair(bare[1, 1], other[1, 1]), A[7] + pair(bare[1, 2], other[1, 2]),
-        A[8] + pair(bare[1, 3], other[1, 3]), A[9] + pair(bare[1, 4], other[1, 4]),
-        A[10] + pair(bare[1, 5], other[1, 5]), A[11] + pair(bare[2, 2], other[2, 2]),
-        A[12] + pair(bare[2, 3], other[2, 3]), A[13] + pair(bare[2, 4], other[2, 4]),
-        A[14] + pair(bare[2, 5], other[2, 5]), A[15] + pair(bare[3, 3], other[3, 3]),
-        A[16] + pair(bare[3, 4], other[3, 4]), A[17] + pair(bare[3, 5], other[3, 5]),
-        A[18] + pair(bare[4, 4], other[4, 4]), A[19] + pair(bare[4, 5], other[4, 5]),
-        A[20] + pair(bare[5, 5], other[5, 5]),
-    )  # fmt: skip
-
-
-@inlined
-def root_inertia(
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-    bare: Array,
-) -> tuple[float, ...]:
+def root_inertia(A: Symmetric, bare: Array) -> tuple[float, ...]:
     """Return the articulated inertia of the root from those of both arms and its own."""
     return (
         A[0][0] + A[0][1] + bare[0, 0], A[1][0] + A[1][1] + bare[0, 1],
@@ -494,71 +196,6 @@ def root_inertia(
         A[18][0] + A[18][1] + bare[4, 4], A[19][0] + A[19][1] + bare[4, 5],
         A[20][0] + A[20][1] + bare[5, 5],
     )  # fmt: skip
-
-
-@inlined
-def inertia_of_first_arm(
-    A: tuple[
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-        Array,
-    ],
-) -> tuple[
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-    Array,
-]:
-    """Return A with 0 for the other arm."""
-    return (
-        pair(A[0][0], 0.0), pair(A[1][0], 0.0), pair(A[2][0], 0.0), pair(A[3][0], 0.0),
-        pair(A[4][0], 0.0), pair(A[5][0], 0.0), pair(A[6][0], 0.0), pair(A[7][0], 0.0),
-        pair(A[8][0], 0.0), pair(A[9][0], 0.0), pair(A[10][0], 0.0), pair(A[11][0], 0.0),
-        pair(A[12][0], 0.0), pair(A[13][0], 0.0), pair(A[14][0], 0.0), pair(A[15][0], 0.0),
-        pair(A[16][0], 0.0), pair(A[17][0], 0.0), pair(A[18][0], 0.0), pair(A[19][0], 0.0),
-        pair(A[20][0], 0.0),
-    )  # fmt: skip
-
-
-@inlined
-def scaled(x: Any, a: Packs) -> Packs:
-    """Return x a."""
-    return x * a[0], x * a[1], x * a[2], x * a[3], x * a[4], x * a[5]
 
 
 # The root, with A = L D L^T: L is below the diagonal of `root`, D^-1/2 on it.
@@ -596,7 +233,7 @@ def root_load(L: Array, w: Packs) -> Packs:
 
 
 @inlined
-def root_twist(L: Array, load: Array) -> tuple[float, float, float, float, float, float]:
+def root_twist(L: Array, load: Array) -> Six:
     """Return the twist of the root that its scaled loads cause."""
     v5 = load[5] * L[5, 5]
     v4 = load[4] * L[4, 4] - L[5, 4] * v5

@@ -15,6 +15,7 @@ The root is the middle link, so that the sweeps over the two arms are independen
 from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -43,15 +44,14 @@ def factor_hinges(chain: HingeChain) -> None:
         Its axis, damping and inertia are read; inertia, left and compliance are filled.
 
     """
-    axis, damping, inertia = chain.axis, chain.damping, chain.inertia
-    left, compliance = chain.left, chain.compliance
+    inertia = chain.inertia
     n = len(inertia)
     root = n // 2
     for k in range(root):
-        fold_hinge(k, axis, damping, inertia[k], inertia[k + 1], left, compliance)
+        fold_hinge(chain, k, inertia[k], inertia[k + 1])
         i = n - 1 - k
         if i > root:
-            fold_hinge(i - 1, axis, damping, inertia[i], inertia[i - 1], left, compliance)
+            fold_hinge(chain, i - 1, inertia[i], inertia[i - 1])
     A = inertia[root]
     over = 1.0 / A[5]  # starts at the last entry: a chain along x needs this pivot
     a, b = A[2] * over, A[4] * over
@@ -62,17 +62,16 @@ def factor_hinges(chain: HingeChain) -> None:
 
 
 @inlined
-def fold_hinge(
-    j: int, axis: Array, damping: Array, A: Array, parent: Array, left: Array, compliance: Array
-) -> None:
+def fold_hinge(chain: HingeChain, j: int, A: Array, parent: Array) -> None:
     """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
+    axis, left = chain.axis, chain.left
     s0, s1, s2 = axis[j, 0], axis[j, 1], axis[j, 2]
     g0 = A[0] * s0 + A[1] * s1 + A[2] * s2
     g1 = A[1] * s0 + A[3] * s1 + A[4] * s2
     g2 = A[2] * s0 + A[4] * s1 + A[5] * s2
-    over = 1.0 / (damping[j] + (s0 * g0 + s1 * g1 + s2 * g2))
+    over = 1.0 / (chain.damping[j] + (s0 * g0 + s1 * g1 + s2 * g2))
     l0, l1, l2 = g0 * over, g1 * over, g2 * over
-    compliance[j] = over
+    chain.compliance[j] = over
     left[j, 0], left[j, 1], left[j, 2] = l0, l1, l2
     parent[0] += A[0] - l0 * g0
     parent[1] += A[1] - l0 * g1
@@ -91,13 +90,13 @@ def solve_hinges(chain: HingeChain, torque: Array) -> None:
     """
     n = len(chain.wrench)
     root = n // 2
-    axis, left, load, wrench = chain.axis, chain.left, chain.load, chain.wrench
+    wrench = chain.wrench
     arm, other = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(root):
-        arm = fold(k, axis, left, torque, load, wrench[k], arm)
+        arm = fold(chain, k, torque, wrench[k], arm)
         i = n - 1 - k
         if i > root:
-            other = fold(i - 1, axis, left, torque, load, wrench[i], other)
+            other = fold(chain, i - 1, torque, wrench[i], other)
     w0 = wrench[root, 0] + arm[0] + other[0]
     w1 = wrench[root, 1] + arm[1] + other[1]
     w2 = wrench[root, 2] + arm[2] + other[2]
@@ -108,47 +107,34 @@ def solve_hinges(chain: HingeChain, torque: Array) -> None:
     v1 = A[3] * w1 - A[1] * v0
     arm = v0, v1, A[5] * w2 - A[2] * v0 - A[4] * v1
     other = arm
-    twist, compliance, rate = chain.twist, chain.compliance, chain.rate
+    twist = chain.twist
     twist[root, 0], twist[root, 1], twist[root, 2] = arm
     for k in range(root):
         i = root - 1 - k
-        arm = unfold(i, axis, left, compliance, load, rate, twist[i], arm)
+        arm = unfold(chain, i, twist[i], arm)
         i = root + 1 + k
         if i < n:
-            other = unfold(i - 1, axis, left, compliance, load, rate, twist[i], other)
+            other = unfold(chain, i - 1, twist[i], other)
 
 
 @inlined
-def fold(
-    j: int,
-    axis: Array,
-    left: Array,
-    torque: Array,
-    load: Array,
-    wrench: Array,
-    beyond: tuple[float, float, float],
-) -> tuple[float, float, float]:
+def fold(chain: HingeChain, j: int, torque: Array, wrench: Array, beyond: Three) -> Three:
     """Return what the parent of joint j feels of the wrenches beyond; store its load."""
+    axis, left = chain.axis, chain.left
     w0, w1, w2 = wrench[0] + beyond[0], wrench[1] + beyond[1], wrench[2] + beyond[2]
     s = torque[j] + (axis[j, 0] * w0 + axis[j, 1] * w1 + axis[j, 2] * w2)
-    load[j] = s
+    chain.load[j] = s
     return w0 - left[j, 0] * s, w1 - left[j, 1] * s, w2 - left[j, 2] * s
 
 
 @inlined
-def unfold(
-    j: int,
-    axis: Array,
-    left: Array,
-    compliance: Array,
-    load: Array,
-    rate: Array,
-    twist: Array,
-    v: tuple[float, float, float],
-) -> tuple[float, float, float]:
+def unfold(chain: HingeChain, j: int, twist: Array, v: Three) -> Three:
     """Fill and return the twist of the link beyond joint j from that of its parent, v."""
-    s = compliance[j] * load[j] - (left[j, 0] * v[0] + left[j, 1] * v[1] + left[j, 2] * v[2])
-    rate[j] = s
+    axis, left = chain.axis, chain.left
+    s = chain.compliance[j] * chain.load[j] - (
+        left[j, 0] * v[0] + left[j, 1] * v[1] + left[j, 2] * v[2]
+    )
+    chain.rate[j] = s
     twist[0] = v[0] + axis[j, 0] * s
     twist[1] = v[1] + axis[j, 1] * s
     twist[2] = v[2] + axis[j, 2] * s

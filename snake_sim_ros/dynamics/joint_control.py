@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene, steps_in
 
@@ -39,8 +40,7 @@ def pd_law(
     start: Any,
     mid: Any,
     reference: tuple[float, float],
-    stiffness: float,
-    damping: float,
+    gains: tuple[float, float],
 ) -> tuple[float, float]:
     """
     Return torque and damping of the law ``torque - damping * rate_end`` that acts in a step.
@@ -64,8 +64,8 @@ def pd_law(
         both rates with the velocities of the start.
     reference : tuple of float
         Reference angle [rad] and rate [rad/s] at the middle of the step.
-    stiffness, damping : float
-        Gains [N m/rad], [N m s/rad].
+    gains : tuple of float
+        Stiffness and damping [N m/rad], [N m s/rad].
 
     Returns
     -------
@@ -75,7 +75,7 @@ def pd_law(
         Coefficient of the joint rate at the end of the step [N m s/rad]; 0 in explicit schemes.
 
     """
-    angle, rate = reference
+    (angle, rate), (stiffness, damping) = reference, gains
     if scheme == START:
         angle -= dt / 2 * rate
         return stiffness * (angle - start[0]) + damping * (rate - start[1]), 0.0
@@ -95,8 +95,7 @@ def implicit_pd_law(
     angle: float,
     rate: float,
     reference: tuple[float, float],
-    stiffness: float,
-    damping: float,
+    gains: tuple[float, float],
 ) -> tuple[float, float]:
     """
     Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
@@ -109,10 +108,11 @@ def implicit_pd_law(
         Predicted angle [rad] and rate [rad/s] at the end.
     reference : tuple of float
         Reference angle [rad] and rate [rad/s] at the end.
-    stiffness, damping : float
+    gains : tuple of float
         As in `pd_law`.
 
     """
+    stiffness, damping = gains
     torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]
     return torque, damping + stiffness * dt
 
@@ -280,7 +280,7 @@ def torques_jump(loop: ControlLoop, memory: ControlMemory) -> bool:
 @compiled
 def held_torque(
     loop: ControlLoop, memory: ControlMemory, j: int, k: int, stiffness: float, rate: float
-) -> tuple[float, float, float]:
+) -> Three:
     """
     Return what is held on axis k of joint j, and what its controller knows at any time.
 

@@ -16,6 +16,7 @@ import math
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.kinematics import axis_x, axis_y, axis_z
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS
 
 SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
@@ -149,7 +150,7 @@ def joint_twist(q: Array, j: int) -> float:
 
 
 @inlined
-def along(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+def along(a: Three, b: Three) -> float:
     """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

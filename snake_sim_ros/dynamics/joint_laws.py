@@ -31,6 +31,7 @@ import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.joint_drift import furthest_angle
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
 HOLD = 1e9  # stiffness that holds a rate, relative to inertia and damping of an axis
@@ -121,9 +122,7 @@ def first_law(inertia: float, axes: AxisLaws, j: int, k: int) -> tuple[float, fl
 
 
 @compiled
-def axis_law(
-    inertia: float, axes: AxisLaws, j: int, k: int, impulse: float
-) -> tuple[float, float, float]:
+def axis_law(inertia: float, axes: AxisLaws, j: int, k: int, impulse: float) -> Three:
     """
     Return the part of the law of axis k of joint j that a trial solution falls on.
 
@@ -154,10 +153,10 @@ def axis_law(
     r = 1.0 / (inertia + R)
     z = axes.rate[j, k] - r * impulse
     slip = 1.0 if F > 0.0 else 0.0
-    w, cut = rate_on_slope(c - F, R, F, L, V, r, z)
+    w, cut = rate_on_slope(c - F, R, F, (L, V), (r, z))
     if F > 0.0 and not w > 0.0:
         slip = -1.0
-        w, cut = rate_on_slope(c + F, R, -F, L, V, r, z)
+        w, cut = rate_on_slope(c + F, R, -F, (L, V), (r, z))
         if not w < 0.0:
             w = slip = cut = 0.0
     w = min(max(w, low), high)
@@ -180,13 +179,15 @@ def axis_law(
 
 @inlined
 def rate_on_slope(
-    torque: float, R: float, F: float, L: float, V: float, r: float, z: float
+    torque: float, R: float, F: float, bounds: tuple[float, float], line: tuple[float, float]
 ) -> tuple[float, float]:
     """
     Return the rate w with ``w - r P = z`` while friction F acts, and the sign of the limit there.
 
-    `torque` is that of controller and friction; the sign is 0 where the limit is not reached.
+    `torque` is that of controller and friction, `bounds` are limit L and viscous friction V, and
+    `line` are r and z; the sign is 0 where the limit is not reached.
     """
+    (L, V), (r, z) = bounds, line
     w = (z + r * torque) / (1.0 + r * (R + V))
     P = torque + F - R * w
     if abs(P) <= L:
@@ -289,38 +290,36 @@ def begin_joint_laws(
             torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
 
 
+class Trial(NamedTuple):
+    """A solution of the contacts with parts of the laws of the joints that may not hold."""
+
+    outcome: Any  # `contact.problem.Outcome`
+    attempt: int  # number of the solution in its step, from 0
+    left: int  # iterations that it was allowed to take
+
+
 @inlined
 def joint_laws_change(
-    laws: JointLaws,
-    axes: AxisLaws,
-    torque: Array,
-    damping: Array,
-    outcome: Any,
-    attempt: int,
-    left: int,
-    report: Any,
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Any
 ) -> bool:
     """
-    Fill torques and dampings, shape (n-1, 2), of the next solution; return whether there is one.
+    Fill torques and dampings of the next solution; return whether there is one.
 
     Parameters
     ----------
     laws : JointLaws
     axes : AxisLaws
         Its rates are those of the last solution.
-    torque, damping : ndarray, shape (n-1, 2) or (n-1, 1)
-        Those of the last solution [N m s], [N m s^2], of both axes or of yaw.
-    outcome : Outcome
-        That of the contacts in the last solution.
-    attempt : int
-        Number of the solution, from 0.
-    left : int
-        Iterations that it was allowed to take. If it took them all, it is the last one.
+    loads : tuple of ndarray, shape (n-1, 2) or (n-1, 1)
+        Torques and dampings of the last solution [N m s], [N m s^2], of both axes or of yaw.
+    trial : Trial
+        The last solution. If it took all iterations that were left, there is no other one.
     report : record
         It counts the iterations of all solutions but the last one, and a step without an end.
 
     """
     misses = moves = False
+    (torque, damping), (outcome, attempt, left) = loads, trial
     is_last = attempt + 1 == MOST_CHANGES or outcome.iterations >= left
     for j in range(len(torque)):
         for k in range(torque.shape[1]):

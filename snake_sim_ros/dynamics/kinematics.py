@@ -20,6 +20,7 @@ The arrays of n links are:
 import math
 
 from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, Pack, pair
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
 FLAT_GAP = 1e-4  # largest gap, and depth, of a robot that lies flat [m]
@@ -64,7 +65,7 @@ def rates_in_inertial_frame(R: Array, u: Array, omega: Array) -> None:
 
 @compiled
 def half_rotation(
-    p: tuple[float, float, float, float], omega: tuple[float, float, float], step: float
+    p: tuple[float, float, float, float], omega: Three, step: float
 ) -> tuple[float, float, float, float]:
     """
     Return ``p + step H_bar(p)^T omega``: half of a step of the kinematic map (74).
@@ -258,7 +259,7 @@ def end_velocities(twist: Array, R: Array, center: Array, u: Array) -> None:
 
 
 @inlined
-def axis_x(q: Array, i: int) -> tuple[float, float, float]:
+def axis_x(q: Array, i: int) -> Three:
     """Return e_x of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -269,7 +270,7 @@ def axis_x(q: Array, i: int) -> tuple[float, float, float]:
 
 
 @inlined
-def axis_y(q: Array, i: int) -> tuple[float, float, float]:
+def axis_y(q: Array, i: int) -> Three:
     """Return e_y of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -280,7 +281,7 @@ def axis_y(q: Array, i: int) -> tuple[float, float, float]:
 
 
 @inlined
-def axis_z(q: Array, i: int) -> tuple[float, float, float]:
+def axis_z(q: Array, i: int) -> Three:
     """Return e_z of link i in I, from coordinates q (n, 7) with unit Euler parameters."""
     e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
     return (
@@ -332,7 +333,7 @@ def chain_coordinates(
 
 
 @inlined
-def mean_of_links(mass: Array, x: Array) -> tuple[float, float, float]:
+def mean_of_links(mass: Array, x: Array) -> Three:
     """Return the mean of the first three columns of x, weighted with the masses of the links."""
     x0 = x1 = x2 = mass_sum = 0.0
     for i in range(len(mass)):

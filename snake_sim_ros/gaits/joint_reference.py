@@ -21,9 +21,12 @@ from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
 @compiled
 def sample_command(
-    times: Array, stamp: Array, command_angle: Array, command_rate: Array, horizon: float,
-    angle: Array, rate: Array,
-) -> None:  # fmt: skip
+    times: Array,
+    command: tuple[Array, Array, Array],
+    horizon: float,
+    angle: Array,
+    rate: Array,
+) -> None:
     """
     Fill angles that change at their rates for a while after their stamps and are held afterwards.
 
@@ -31,7 +34,7 @@ def sample_command(
     ----------
     times : ndarray, shape (m,)
         Times to sample at [s].
-    stamp, command_angle, command_rate : ndarray, shape (k,)
+    command : tuple of ndarray, shape (k,)
         Time of the command [s], angle [rad] and rate [rad/s] of every axis.
     horizon : float
         Time for which a rate acts [s].
@@ -39,6 +42,7 @@ def sample_command(
         Filled.
 
     """
+    stamp, command_angle, command_rate = command
     for i in range(len(times)):
         for k in range(len(stamp)):
             age = times[i] - stamp[k]
@@ -239,7 +243,7 @@ class JointReference:
         shape = (len(times), *self.stamp.shape)
         sampled = np.empty((2, len(times), self.stamp.size))
         command = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
-        sample_command(times, *command, float(horizon), *sampled)
+        sample_command(times, command, float(horizon), *sampled)
         for motion in self.motions:
             if motion.begin > times[-1]:
                 break

@@ -19,6 +19,7 @@ from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_record
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import moreau
+from snake_sim_ros.stepping.base import Inputs
 from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.planar import moreau as planar_moreau
@@ -26,7 +27,7 @@ from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state, without_memory
-from snake_sim_ros.stepping.steps import REPORT
+from snake_sim_ros.stepping.steps import make_steps, REPORT, Steps
 
 OUTCOME_TYPE = type_of_record(Outcome(0, False, 0.0, 0.0, False))
 REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
@@ -83,12 +84,20 @@ def compile_solver(scene: Scene, level: str) -> None:
         whole = type_of(stepper.empty)
         compile_call(solve_contacts, type_of(first), _problem(stepper), whole, type_of(1))
     elif function is bdf2.advance_bdf2:
-        rest = _problem(stepper), type_of(1.0), type_of(1.0), history, REPORT_TYPE, type_of(1)
+        terms = type_of_record(bdf2.Terms(0.0, 0.0, 0.0, 0))
+        rest = _problem(stepper), terms, type_of(_steps(scene, stepper))
         compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)
     else:
         is_moreau = function is planar_moreau.advance_in_plane
         solver, closed = type_of(first if is_moreau else first.solver), _contacts(stepper)[1]
         compile_call(solve_in_plane, solver, model, work, closed, history, type_of(1))
+
+
+def _steps(scene: Scene, stepper: Any) -> Steps:
+    """Return no steps."""
+    start, none = initial_state(scene), np.zeros((0, scene.robot.link_count - 1, 2))
+    history = stepper.empty_history()
+    return make_steps((start.q, start.u), history, (none, none), stepper.no_record)
 
 
 def _contacts(stepper: Any) -> list[Any]:
@@ -123,7 +132,8 @@ def compile_loop(scene: Scene, level: str) -> None:
     """Compile the loop over steps, by a call without steps."""
     stepper = one_level(scene, level)
     none = np.zeros((0, scene.robot.link_count - 1, 2))
-    now = initial_state(scene), stepper.empty_history(), none, none, stepper.no_samples, NO_PUSHES
+    inputs = Inputs(none, none, stepper.no_samples, NO_PUSHES)
+    now = initial_state(scene), stepper.empty_history(), inputs
     if level == 'planar':
         stepper.take_steps(*now, goes_on=False)
     else:

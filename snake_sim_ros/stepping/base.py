@@ -10,7 +10,7 @@ the report and raises no error. Only misuse raises one.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -143,6 +143,15 @@ class OneByOne(Protocol):
     ) -> Report | None: ...
 
     def prepare(self) -> None: ...  # noqa: D102
+
+
+class Inputs(NamedTuple):
+    """What steps take beside state and history, checked; see `Stepper.advance`."""
+
+    angle: Array  # (m, n-1, 2) joint references [rad]
+    rate: Array  # (m, n-1, 2) [rad/s]
+    samples: Samples
+    pushes: PushTable
 
 
 class Stepper(Protocol):

@@ -20,6 +20,8 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.methods import method_of, METHODS
 from snake_sim_ros.stepping.state import check_state, History, State
 
+Loaded = tuple[Array, Array]  # sample and number of the contacts that carried load
+
 
 def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array, Array]:
     """
@@ -78,8 +80,8 @@ def sampled_forces(
     sample, number = map(np.ascontiguousarray, np.nonzero(impulse[:, :, 0] > 0.0))
     acted = METHODS[method_of(scene)].where_impulses_acted(scene, q, u)
     points, forces = np.empty((2, len(sample), 3))
-    offset, radius = scene.robot.per_link('contact_offset'), scene.robot.per_link('contact_radius')
-    forces_of_ground(offset, radius, acted, impulse, span, sample, number, points, forces)
+    spheres = scene.robot.per_link('contact_offset'), scene.robot.per_link('contact_radius')
+    forces_of_ground(spheres, acted, (impulse, span), (sample, number), points, forces)
     others = number >= 2 * scene.robot.link_count
     for m in np.unique(sample[others]):
         here = np.flatnonzero(others & (sample == m))
@@ -90,19 +92,21 @@ def sampled_forces(
         loads = impulse[m, touching, :3] / span[m]
         forces[here] = np.einsum('ak,aki->ai', loads, frame[touching])
     if scene.friction.is_viscous:
-        add_viscous_forces(scene, acted, u, sample, number, points, forces)
+        add_viscous_forces(scene, acted, u, (sample, number), points, forces)
     return sample, number, points, forces
 
 
 def add_viscous_forces(
-    scene: Scene, q: Array, u: Array, sample: Array, number: Array, points: Array, forces: Array
+    scene: Scene, q: Array, u: Array, loaded: Loaded, points: Array, forces: Array
 ) -> None:
     """
     Add the viscous friction of the ground to forces (k, 3) at points (k, 3).
 
     It is no part of the impulses; see `laws.add_viscous_friction`. Other arguments are those of
-    `sampled_forces`, for the coordinates at which impulses acted.
+    `sampled_forces`, for the coordinates at which impulses acted, with sample and number of the
+    contacts.
     """
+    sample, number = loaded
     floor, ground = scene.friction, number < first_peg(scene)
     for m in np.unique(sample[ground]):
         here = np.flatnonzero(ground & (sample == m))
@@ -118,13 +122,10 @@ def add_viscous_forces(
 
 @compiled
 def forces_of_ground(
-    offset: Array,
-    radius: Array,
+    spheres: tuple[Array, Array],
     q: Array,
-    impulse: Array,
-    span: Array,
-    sample: Array,
-    number: Array,
+    loads: tuple[Array, Array],
+    loaded: Loaded,
     points: Array,
     forces: Array,
 ) -> None:
@@ -136,14 +137,19 @@ def forces_of_ground(
 
     Parameters
     ----------
-    offset, radius : ndarray, shape (n,)
+    spheres : tuple of ndarray, shape (n,)
         `contact_offset` and `contact_radius` of the robot [m].
     q : ndarray, shape (m, n, 7)
         Coordinates at which the impulses acted.
-    impulse, span, sample, number, points, forces : ndarray
-        As in `sampled_forces`; points and forces are filled.
+    loads : tuple of ndarray
+        impulse and span, as in `sampled_forces`.
+    loaded : tuple of ndarray
+        sample and number, as there.
+    points, forces : ndarray
+        As there; filled.
 
     """
+    (offset, radius), (impulse, span), (sample, number) = spheres, loads, loaded
     n = len(offset)
     for k in range(len(sample)):
         m, a = sample[k], number[k]

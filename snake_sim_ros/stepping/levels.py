@@ -21,7 +21,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.base import Method, Report, Stepper
+from snake_sim_ros.stepping.base import Inputs, Method, Report, Stepper
 from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
@@ -192,8 +192,8 @@ class LevelStepper:
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
-            given = angle[part], rate[part], samples.after(start), pushes.after(start)
-            state, history, news = self.take_steps(stepper, state, history, *given, goes_on)
+            inputs = Inputs(angle[part], rate[part], samples.after(start), pushes.after(start))
+            state, history, news = self.take_steps(stepper, state, history, inputs, goes_on)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -209,21 +209,18 @@ class LevelStepper:
         return state, history, report
 
     def take_steps(
-        self, stepper: Any, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples, pushes: PushTable, goes_on: bool,
-    ) -> tuple[State, History, Report]:  # fmt: skip
+        self, stepper: Any, state: State, history: History, inputs: Inputs, goes_on: bool
+    ) -> tuple[State, History, Report]:
         """Advance one level with its own memory, and empty the memory of the other one."""
         memory, empty = history.memory, self.empty.memory
         if stepper is self.planar:
             history, was_planar = history._replace(memory=memory.planar), memory.planar.known[0]
-            given = angle, rate, samples, pushes
-            state, history, report = stepper.take_steps(state, history, *given, goes_on)
+            state, history, report = stepper.take_steps(state, history, inputs, goes_on)
             other = memory.spatial if was_planar else copied(empty.spatial)
             memory = LevelMemory(history.memory, other)
         else:
             history = history._replace(memory=memory.spatial)
-            given = angle, rate, samples, pushes
-            state, history, report = stepper.take_steps(state, history, *given)
+            state, history, report = stepper.take_steps(state, history, inputs)
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
@@ -285,7 +282,8 @@ class LevelStepper:
             elif single:
                 own = history._replace(memory=history.memory.spatial)
                 self.spatial.single_steps(state, own, NO_PUSHES).prepare()
-            self.take_steps(stepper, state, history, none, none, samples, NO_PUSHES, goes_on=False)
+            inputs = Inputs(none, none, samples, NO_PUSHES)
+            self.take_steps(stepper, state, history, inputs, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
             self.used.add(level)
 

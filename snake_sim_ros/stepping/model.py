@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
+from snake_sim_ros.contact.contacts import Contacts, make_contacts
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, Obstacles
 from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
 from snake_sim_ros.contact.newton import make_operator, Operator
-from snake_sim_ros.contact.problem import make_table
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import Table
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, make_axis_laws
@@ -66,7 +65,7 @@ class Workspace(NamedTuple):
     chain: Chain  # the links as a tree, about O
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
-    contacts: Table  # (c,) table of all contacts, see `contact.problem`
+    contacts: Contacts  # all contacts of the scene, see `contact.problem`
 
 
 def make_model(scene: Scene) -> Model:
@@ -146,5 +145,5 @@ def make_workspace(scene: Scene) -> Workspace:
         ),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),
-        contacts=make_table(count),
+        contacts=make_contacts(count),
     )

@@ -23,8 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.contact.closing import close_step, keep_closed_contacts, predict_gaps
-from snake_sim_ros.contact.detection import find_contacts, reach_of_step
+from snake_sim_ros.contact.closing import (
+    close_step,
+    contacts_land,
+    keep_closed,
+    NONE,
+    predict_gaps,
+)
+from snake_sim_ros.contact.detection import find_contacts, Found, Pose, reach_of_step
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule, PRESS_SPEED
 from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
@@ -43,6 +49,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     controller_impulse,
     joint_laws_change,
     MOST_CHANGES,
+    Trial,
 )
 from snake_sim_ros.dynamics.kinematics import (
     chain_geometry,
@@ -95,18 +102,19 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
         begin_joint_laws(model.robot.joint_laws, work.axes, model.dt, mid, loads, q)
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     link_inertia(model.robot, R, work.center, chain.bare)
-    smooth_momentum(model.robot, model.dt, u, u, R, work.center, chain.momentum)
+    smooth_momentum(model.robot, model.dt, (u, u), R, work.center, chain.momentum)
     stretch = whole_step(steps.pushes, k)
     add_pushes(steps.pushes, stretch, model.dt, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
-    pose, found = (work.q_mid, R, work.center), (work.closed, work.contacts, chain.frame)
+    pose = Pose(work.q_mid, R, work.center)
+    found = Found(work.closed, work.contacts, chain.frame)
     count = find_contacts(model.obstacles, reach, model.robot, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     fall, impulse = -model.dt * model.robot.gravity[2], steps.history.impulse
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.robot.mass, impulse, PRESS_SPEED, fall
+        model.laws, closed, contacts, model.robot.mass, impulse, (PRESS_SPEED, fall)
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
@@ -131,16 +139,9 @@ def solve_again(
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
-    if not model.robot.joint_laws.present or not joint_laws_change(
-        model.robot.joint_laws,
-        work.axes,
-        work.torque,
-        work.damping,
-        outcome,
-        attempt,
-        left,
-        report,
-    ):
+    laws, loads = model.robot.joint_laws, (work.torque, work.damping)
+    trial = Trial(outcome, attempt, left)
+    if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):
         return False
     axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
     return True
@@ -151,7 +152,7 @@ def solve_step(
     solver: Any, model: Model, work: Workspace, steps: Steps, problem: Problem
 ) -> tuple[Problem, Outcome, bool]:
     """
-    Solve the contacts and, if they land, once more; see `closing.keep_closed_contacts`.
+    Solve the contacts and, if they land, once more; see `closing.keep_closed`.
 
     Returns
     -------
@@ -173,9 +174,11 @@ def solve_step(
                 break
         if lands or outcome.iterations >= left or not outcome.converged:
             break
-        count = keep_closed_contacts(problem.closed, problem.contacts)
-        if count == 0 or not turns_are_small(model.dt, work.chain.twist, report):
+        if not contacts_land(problem.closed, problem.contacts):
             break
+        if not turns_are_small(model.dt, work.chain.twist, report):
+            break
+        count = keep_closed(problem.closed, problem.contacts, NONE)
         end_velocities(work.chain.twist, work.R, work.center, work.moving)
         note_outcome(outcome, report)
         problem, lands = begin_landing(problem, count, steps.history), True

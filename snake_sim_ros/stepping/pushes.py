@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -143,7 +144,7 @@ def add_pushes(
 
 
 @inlined
-def in_axes_of(turns: int, R: Array, vector: Array) -> tuple[float, float, float]:
+def in_axes_of(turns: int, R: Array, vector: Array) -> Three:
     """Return a vector (3,) of a push in axes of I, for the frame R (3, 3) of its link."""
     x, y, z = vector[0], vector[1], vector[2]
     if turns == 0:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, make_samples, Samples
@@ -41,6 +41,7 @@ class SpatialStepper:
         self.empty = empty_history(scene, memory)
         self.returned = Returned(scene.robot.link_count, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
+        self.no_record = Record(*self.no_samples[:-1])
         self.cycles = np.zeros(1, np.int64)
 
     def empty_history(self) -> History:
@@ -61,20 +62,18 @@ class SpatialStepper:
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
-        samples = checked(samples, self.no_samples)
-        state, history, report = self.take_steps(
-            state, copied(history), angle, rate, samples, pushes
-        )
+        inputs = Inputs(angle, rate, checked(samples, self.no_samples), pushes)
+        state, history, report = self.take_steps(state, copied(history), inputs)
         self.returned.last = state, history
         return state, history, report
 
     def take_steps(
-        self, state: State, history: History, angle: Array, rate: Array, samples: Samples,
-        pushes: PushTable,
-    ) -> tuple[State, History, Report]:  # fmt: skip
+        self, state: State, history: History, inputs: Inputs
+    ) -> tuple[State, History, Report]:
         """Advance with checked arguments, of which the history is changed in place."""
-        record = Record(*samples[:-1])
-        steps = make_steps(state.q.copy(), state.u.copy(), history, angle, rate, record, pushes)
+        angle, rate, samples, pushes = inputs
+        start, record = (state.q.copy(), state.u.copy()), Record(*samples[:-1])
+        steps = make_steps(start, history, (angle, rate), record, pushes)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt, self.level)
@@ -89,5 +88,4 @@ class SpatialStepper:
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
         )
-        none = Record(*self.no_samples[:-1])
-        return SingleSteps(self, state.q, state.u, history, none, pushes, pitch, end)
+        return SingleSteps(self, (state.q, state.u), history, pushes, pitch, end)

@@ -88,10 +88,18 @@ class Steps(NamedTuple):
 
 
 def make_steps(
-    q: Array, u: Array, history: History, angle: Array, rate: Array, record: Record,
+    state: tuple[Array, Array],
+    history: History,
+    reference: tuple[Array, Array],
+    record: Record,
     pushes: PushTable = NO_PUSHES,
-) -> Steps:  # fmt: skip
-    """Return the steps for some references. They change q, u and history in place."""
+) -> Steps:
+    """
+    Return the steps for some references: angles and rates.
+
+    They change the state, q and u, and the history in place.
+    """
+    (q, u), (angle, rate) = state, reference
     report = record_array(1, REPORT)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
@@ -259,12 +267,10 @@ class SingleSteps:
     Parameters
     ----------
     stepper : SpatialStepper or PlanarStepper
-    q, u : ndarray
-        As in `steps.Steps`; they are copied.
+    state : tuple of ndarray
+        q and u, as in `steps.Steps`; they are copied.
     history : History
         From the last step, with the memory of this level. It is copied.
-    record : Record
-        Without samples.
     pushes : PushTable
         Whose clock the steps follow.
     pitch : int
@@ -279,9 +285,10 @@ class SingleSteps:
     """
 
     def __init__(
-        self, stepper: Any, q: Array, u: Array, history: History, record: Record,
-        pushes: PushTable, pitch: int, end: End,
+        self, stepper: Any, state: tuple[Array, Array], history: History, pushes: PushTable,
+        pitch: int, end: End,
     ) -> None:  # fmt: skip
+        q, u = state
         arrays = {'q': q, 'u': u, **named_arrays(history)}
         self.block = np.concatenate([array.ravel() for array in arrays.values()])
         self.before = self.block.copy()
@@ -289,9 +296,10 @@ class SingleSteps:
         parts = zip(arrays.items(), np.split(self.block, ends), strict=True)
         views = {name: part.reshape(array.shape) for (name, array), part in parts}
         self.shape = (1, len(u) - 1, 2)
+        reference = np.zeros(self.shape), np.zeros(self.shape)
         self.steps = make_steps(
-            views['q'], views['u'], with_arrays(history, views), np.zeros(self.shape),
-            np.zeros(self.shape), record, pushes,
+            (views['q'], views['u']), with_arrays(history, views), reference,
+            stepper.no_record, pushes,
         )  # fmt: skip
         self.angle, self.rate = self.steps.angle, self.steps.rate
         self.level, self.dt, self.applied = stepper.level, stepper.model.dt, stepper.work.applied

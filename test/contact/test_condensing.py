@@ -36,7 +36,7 @@ def shifted_problem(model, work, steps):
     """Return the number of contacts of a step; each has a shift of its own."""
     closed = begin_step(model, work, steps, 0).closed
     for k, a in enumerate(closed):
-        work.contacts.shift[a] = 0.1 * (k + 1)
+        work.contacts.solution.shift[a] = 0.1 * (k + 1)
     return len(closed)
 
 
@@ -44,27 +44,28 @@ def shifted_problem(model, work, steps):
 def operators(problem, operator, columns, free):
     """Condense the contacts; fill columns of G and free velocities from sweeps over the chain."""
     laws, closed, contacts, chain = problem
+    solution = contacts.solution
     width = 5 if laws.rolling.mu_x > 0.0 else 3
     prepare_contacts(operator, problem)
     for a in closed:
-        contacts.impulse[a] = 0.0
+        solution.impulse[a] = 0.0
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
     for k, a in enumerate(closed):
         for j in range(width):
-            free[width * k + j] = contacts.gamma[a, j] - (contacts.shift[a] if j == 0 else 0.0)
+            free[width * k + j] = solution.gamma[a, j] - (solution.shift[a] if j == 0 else 0.0)
     for k, a in enumerate(closed):
         for j in range(width):
             chain.wrench[:] = 0.0
-            contacts.impulse[a, j] = 1.0
+            solution.impulse[a, j] = 1.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
-            contacts.impulse[a, j] = 0.0
+            solution.impulse[a, j] = 0.0
             solve_chain(chain, chain.no_torque)
             contact_velocities(closed, contacts, chain.frame, chain.twist)
             for m, b in enumerate(closed):
                 for i in range(width):
-                    gamma = contacts.gamma[b, i] - (contacts.shift[b] if i == 0 else 0.0)
+                    gamma = solution.gamma[b, i] - (solution.shift[b] if i == 0 else 0.0)
                     columns[width * m + i, width * k + j] = gamma
 
 
@@ -74,7 +75,7 @@ def one_iteration(problem, operator, history):
     predict(problem.laws, problem.closed, problem.contacts, history)
     prepare_contacts(operator, problem)
     for a in problem.closed:
-        problem.contacts.disc_radius[a] = -1.0
+        problem.contacts.newton.disc_radius[a] = -1.0
     return linear_step(problem, operator, False)[0]
 
 
@@ -117,7 +118,7 @@ def started(name):
     still = np.zeros((1, scene.robot.link_count - 1, 2))
     model, work = make_model(scene), make_workspace(scene)
     record = Record(*make_samples(scene, 0, 0)[:-1])
-    steps = make_steps(state.q.copy(), state.u.copy(), history, still, still, record)
+    steps = make_steps((state.q.copy(), state.u.copy()), history, (still, still), record)
     closed = work.closed[: shifted_problem(model, work, steps)]
     problem = Problem(model.laws, closed, work.contacts, work.chain)
     return scene, model, problem, history, make_operator(contact_count(scene), scene)
@@ -159,8 +160,8 @@ def test_an_iteration_is_that_through_the_chain(name):
     found = []
     for solver in (operator, None):
         assert one_iteration(problem, solver, history)
-        found.append((problem.contacts['gamma'][problem.closed].copy(),
-                      problem.contacts['impulse'][problem.closed].copy()))  # fmt: skip
+        found.append((problem.contacts['solution']['gamma'][problem.closed].copy(),
+                      problem.contacts['solution']['impulse'][problem.closed].copy()))  # fmt: skip
     assert operator.is_condensed[0] == 1
     for one, other in zip(*found, strict=True):
         width = 5 if scene.friction.rolling else 3
@@ -175,8 +176,10 @@ def test_solving_again_is_solving_anew(name):
     for fresh in (False, True):
         for array in history[:4]:
             array[:] = 0.0
-        problem.contacts['shift'][some] = 0.0
+        problem.contacts['solution']['shift'][some] = 0.0
         assert solved_again(model, problem, some, operator, history, fresh)
-        found.append((problem.contacts['impulse'][some].copy(), problem.chain.twist.copy()))
+        found.append(
+            (problem.contacts['solution']['impulse'][some].copy(), problem.chain.twist.copy())
+        )
     for one, other in zip(*found, strict=True):
         assert np.abs(one - other).max() <= 1e-12 * np.abs(one).max()

@@ -47,7 +47,7 @@ def test_start(case):
     dt, start, mid, (angle, rate), K_p, K_d = case
     # All at t_A, where the reference still was dt/2 rate less.
     expected = law(K_p, K_d, *start, angle - dt / 2 * rate, rate)
-    torque, damping = pd_law(START, dt, start, mid, (angle, rate), K_p, K_d)
+    torque, damping = pd_law(START, dt, start, mid, (angle, rate), (K_p, K_d))
     assert abs(torque - expected) < ROUNDING
     assert damping == 0.0
 
@@ -55,7 +55,7 @@ def test_start(case):
 def test_midpoint(case):
     dt, start, mid, reference, K_p, K_d = case
     # Angle in q_M, rate with u_A, reference at t_M.
-    torque, damping = pd_law(MIDPOINT, dt, start, mid, reference, K_p, K_d)
+    torque, damping = pd_law(MIDPOINT, dt, start, mid, reference, (K_p, K_d))
     assert abs(torque - law(K_p, K_d, *mid, *reference)) < ROUNDING
     assert damping == 0.0
 
@@ -67,10 +67,10 @@ def test_average(case):
     for rate_end in (-3.0, 0.0, 2.0):
         angle_mean = (mid[0] - dt / 2 * mid[1] + mid[0] + dt / 2 * rate_end) / 2
         expected = law(K_p, K_d, angle_mean, (mid[1] + rate_end) / 2, *reference)
-        torque, damping = pd_law(AVERAGE, dt, start, mid, reference, K_p, K_d)
+        torque, damping = pd_law(AVERAGE, dt, start, mid, reference, (K_p, K_d))
         assert abs(torque - damping * rate_end - expected) < ROUNDING
     # The configuration at the start has no part in it, but for the rate.
-    assert pd_law(AVERAGE, dt, (99.0, 99.0), mid, reference, K_p, K_d) == (torque, damping)
+    assert pd_law(AVERAGE, dt, (99.0, 99.0), mid, reference, (K_p, K_d)) == (torque, damping)
 
 
 @pytest.mark.parametrize(('scheme', 'share'), [(AVERAGE, 0.5), (END, 1.0)])
@@ -80,7 +80,7 @@ def test_implicit_schemes_take_a_joint_to_where_it_should_be(scheme, share):
     # at the end for `end`. Angles move with the mean rate of the step.
     J, K_p, K_d, dt, angle, rate = 5e-4, 40.0, 0.2, 1e-3, 0.1, 2.0
     mid = angle + dt / 2 * rate
-    torque, damping = pd_law(scheme, dt, (angle, rate), (mid, rate), (0.0, 0.0), K_p, K_d)
+    torque, damping = pd_law(scheme, dt, (angle, rate), (mid, rate), (0.0, 0.0), (K_p, K_d))
     rate_end = (J * rate + dt * torque) / (J + dt * damping)
     angle_end = mid + dt / 2 * rate_end
     force = -K_p * (share * angle_end + (1 - share) * angle)
@@ -93,7 +93,7 @@ def test_the_law_at_a_predicted_end(case):
     dt, (angle, rate), _, reference, K_p, K_d = case
     # All at the end, of which the angle moves with the rate: alpha = alpha* + h (w - w*). For the
     # predicted rate itself it is the law as it stands.
-    torque, damping = implicit_pd_law(dt, angle, rate, reference, K_p, K_d)
+    torque, damping = implicit_pd_law(dt, angle, rate, reference, (K_p, K_d))
     for rate_end in (-3.0, 0.0, 2.0, rate):
         expected = law(K_p, K_d, angle + dt * (rate_end - rate), rate_end, *reference)
         assert abs(torque - damping * rate_end - expected) < ROUNDING
@@ -101,14 +101,14 @@ def test_the_law_at_a_predicted_end(case):
 
 def test_end(case):
     dt, start, mid, (angle, rate), K_p, K_d = case
-    torque, damping = pd_law(END, dt, start, mid, (angle, rate), K_p, K_d)
+    torque, damping = pd_law(END, dt, start, mid, (angle, rate), (K_p, K_d))
     # All at t_E, linear in the rate there: alpha_E = alpha_M + dt/2 alphadot_E.
     for rate_end in (-3.0, 0.0, 2.0):
         angle_end = mid[0] + dt / 2 * rate_end
         expected = law(K_p, K_d, angle_end, rate_end, angle + dt / 2 * rate, rate)
         assert abs(torque - damping * rate_end - expected) < ROUNDING
     # The rate at the start has no part in it.
-    other = pd_law(END, dt, start, (mid[0], 99.0), (angle, rate), K_p, K_d)
+    other = pd_law(END, dt, start, (mid[0], 99.0), (angle, rate), (K_p, K_d))
     assert other == (torque, damping)
 
 
@@ -117,7 +117,7 @@ def test_a_joint_on_its_reference_feels_nothing(scheme):
     # alpha = alpha_ref and alphadot = alphadot_ref at the instant that counts.
     dt, angle, rate = 2.0**-12, 0.25, 0.5
     start, mid = (angle - dt / 2 * rate, rate), (angle, rate)
-    assert pd_law(scheme, dt, start, mid, (angle, rate), 800.0, 0.2) == (0.0, 0.0)
+    assert pd_law(scheme, dt, start, mid, (angle, rate), (800.0, 0.2)) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize('scheme', [AVERAGE, END])
@@ -125,5 +125,5 @@ def test_a_joint_that_stays_on_its_reference_feels_nothing(scheme):
     # The rate at the end, too, is that of the reference.
     dt, angle, rate = 2.0**-12, 0.25, 0.5
     start, mid = (angle - dt / 2 * rate, rate), (angle, rate)
-    torque, damping = pd_law(scheme, dt, start, mid, (angle, rate), 800.0, 0.2)
+    torque, damping = pd_law(scheme, dt, start, mid, (angle, rate), (800.0, 0.2))
     assert abs(torque - damping * rate) < ROUNDING

@@ -107,7 +107,7 @@ def joint_torque_law(
     for j, k in np.ndindex(kp.shape):
         held, stiffness, known = held_torque(loop, control, j, k, kp[j, k], rate[j, k])
         torque[j, k], damping[j, k] = pd_law(
-            scheme, dt, starts[j, k], mids[j, k], (angle[j, k], known), stiffness, kd[j, k]
+            scheme, dt, starts[j, k], mids[j, k], (angle[j, k], known), (stiffness, kd[j, k])
         )
         torque[j, k] += held
     return torque.ravel(), damping.ravel()

@@ -231,7 +231,7 @@ class DenseLoop:
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [
             pd_law(scheme, dt, (start[j], turn[j]), (start[j] + dt / 2 * turn[j], turn[j]),
-                   (angle[j], rate[j]), model.stiffness[j], model.damping[j])
+                   (angle[j], rate[j]), (model.stiffness[j], model.damping[j]))
             for j in range(len(start))
         ]  # fmt: skip
         torque, damping = np.array(law).reshape(-1, 2).T * dt
@@ -300,7 +300,7 @@ class DenseLoop:
         """Move to the end of the step and report it, unless it is not planar; return whether."""
         q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
         standing, report, roll = work.standing, steps.report[0], found.roll / dt
-        work.contacts['impulse'][:, 0] = found.P_N
+        work.contacts['solution']['impulse'][:, 0] = found.P_N
         standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
         standing['part'][:], standing['slips'][:] = 1.0, 0
         laws = model.joint_laws

@@ -18,6 +18,7 @@ from snake_sim_ros.dynamics.articulated_body import (
     articulated_inertia,
     articulated_velocity,
     factor,
+    Joints,
     solve,
 )
 from snake_sim_ros.dynamics.kinematics import chain_geometry
@@ -409,10 +410,9 @@ def test_sweeps_solve_the_constrained_chain(link_count):
         left, right, compliance = *np.empty((2, n - 1, 2, 6)), np.empty((n - 1, 4))
         load, rates = np.empty((2, n - 1, 2))
         twist = np.empty((n, 6))
-        articulated_inertia(axis, entries, swept, left, right, compliance)
-        articulated_velocity(
-            axis, left, right, compliance, swept[root], torque, wrench, load, rates, twist
-        )
+        joints = Joints(axis, entries, left, right, compliance, load)
+        articulated_inertia(joints, swept)
+        articulated_velocity(joints, swept[root], torque, wrench, rates, twist)
 
         # One system for the twists V of all links and the impulses of all joints, split into
         # N lambda (a constraint: what S does not span) and S (S^T S)^-1 (torque - D q'):

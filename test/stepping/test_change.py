@@ -24,7 +24,7 @@ from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import carried, copied, initial_state, named_arrays
-from snake_sim_ros.stepping.steps import make_steps, Record
+from snake_sim_ros.stepping.steps import make_steps
 
 # Nothing of it is in reach of a robot that lies at the origin. The first peg of the one scene is
 # the second of the other.
@@ -496,10 +496,10 @@ def test_an_index_beyond_an_array_is_an_error(method):
     stepper, state, still = make_stepper(scene), initial_state(scene), np.zeros((1, 2, 2))
     whole, few = stepper.empty_history(), np.zeros((3, 2, 5))  # the scene has more contacts
     history = whole._replace(impulse=few[0], velocity=few[1], change=few[2])
-    steps = (state.q.copy(), state.u.copy(), history, still, still)
+    steps = (state.q.copy(), state.u.copy()), history, (still, still)
     with pytest.raises(IndexError):
         stepper.loop(
             stepper.model,
             stepper.work,
-            make_steps(*steps, Record(*stepper.no_samples[:-1])),
+            make_steps(*steps, stepper.no_record),
         )

@@ -56,7 +56,7 @@ def controller_torques(scene: Scene, state: State, q_M: Array, angle: Array, rat
     torque = np.zeros(kp.shape)
     for axis in np.ndindex(kp.shape):
         looked_at = tuple(starts[axis]), tuple(mids[axis]), (angle[axis], rate[axis])
-        torque[axis], _ = pd_law(scheme, scene.dt, *looked_at, kp[axis], kd[axis])
+        torque[axis], _ = pd_law(scheme, scene.dt, *looked_at, (kp[axis], kd[axis]))
     return torque.ravel()
 
 

@@ -19,11 +19,12 @@ deep in an obstacle is repeated with them.
 from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap, most_closed
-from snake_sim_ros.contact.detection import find_contacts, gap_at
+from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.detection import find_contacts, Found, gap_at, Pose
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.problem import Problem
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.kinematics import chain_coordinates, link_frames
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.motion import (
@@ -43,7 +44,7 @@ DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
 
 @inlined
 def leave_gaps(
-    model: Model, h_q: float, late: float, closed: Array, contacts: Table, impulse: Array
+    model: Model, h_q: float, late: float, closed: Array, contacts: Contacts, impulse: Array
 ) -> None:
     """
     Fill the shifts, the normal velocities that gaps allow, and add them to the normal velocities.
@@ -57,54 +58,57 @@ def leave_gaps(
         Time for which the coordinates have moved before that [s].
     closed : ndarray, shape (k,)
         Numbers of the contacts that can close in the step.
-    contacts : record array
-        Table of contacts with gaps and velocities at the predicted end of the step.
+    contacts : Contacts
+        With gaps and velocities at the predicted end of the step.
     impulse : ndarray, shape (contacts, 5)
         Impulses of the last step [N s].
 
     """
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        contacts.approach_velocity[a] = contacts.gamma[a, 0]
-        contacts.last_normal_impulse[a] = impulse[a, 0]
-        gap = contacts.gap[a] - h_q * contacts.approach_velocity[a]
-        rests = impulse[a, 0] > 0.0 and contacts.gap[a] <= RESTING_GAP
+        solution.approach_velocity[a] = solution.gamma[a, 0]
+        solution.last_normal_impulse[a] = impulse[a, 0]
+        gap = geometry.gap[a] - h_q * solution.approach_velocity[a]
+        rests = impulse[a, 0] > 0.0 and geometry.gap[a] <= RESTING_GAP
         if gap > model.closed_gap and not rests:
-            contacts.shift[a] = gap / h_q
+            solution.shift[a] = gap / h_q
         elif gap < 0.0 and not rests:  # undoes the penetration of the motion before
-            contacts.shift[a] = max(gap, late * min(0.0, contacts.approach_velocity[a])) / h_q
-        contacts.gamma[a, 0] += contacts.shift[a]
+            solution.shift[a] = max(gap, late * min(0.0, solution.approach_velocity[a])) / h_q
+        solution.gamma[a, 0] += solution.shift[a]
 
 
 @inlined
-def likely_to_push(closed: Array, contacts: Table) -> int:
+def likely_to_push(closed: Array, contacts: Contacts) -> int:
     """
     Return how many contacts are likely to push; their numbers are moved to the front of `closed`.
 
     They carried load, or are closed at the predicted end.
     """
+    geometry, solution = contacts.geometry, contacts.solution
     count = 0
     for k in range(len(closed)):
         a = closed[k]
-        meets = contacts.shift[a] <= 0.0 or contacts.gap[a] <= 0.0
-        if meets or contacts.last_normal_impulse[a] > 0.0:
+        meets = solution.shift[a] <= 0.0 or geometry.gap[a] <= 0.0
+        if meets or solution.last_normal_impulse[a] > 0.0:
             closed[k], closed[count] = closed[count], a
             count += 1
     return count
 
 
 @inlined
-def add_approaching(closed: Array, count: int, contacts: Table) -> int:
+def add_approaching(closed: Array, count: int, contacts: Contacts) -> int:
     """
     Let the contacts push, too, that close with the solution for the first `count` ones.
 
     Their numbers are moved to the front of `closed`, behind those. Velocities gamma are those of
     the solution, with shifts. Return how many may push then; all others have no impulse.
     """
+    solution = contacts.solution
     for k in range(count, len(closed)):
         a = closed[k]
-        contacts.impulse[a, 0] = 0.0
-        if contacts.gamma[a, 0] < 0.0:
-            contacts.gamma[a, 0] = contacts.approach_velocity[a] + contacts.shift[a]
+        solution.impulse[a, 0] = 0.0
+        if solution.gamma[a, 0] < 0.0:
+            solution.gamma[a, 0] = solution.approach_velocity[a] + solution.shift[a]
             closed[k], closed[count] = closed[count], a
             count += 1
     return count
@@ -119,53 +123,36 @@ class Events(NamedTuple):
 
 
 @inlined
-def events(model: Model, h: float, closed: Array, contacts: Table) -> Events:
+def events(model: Model, h: float, closed: Array, contacts: Contacts) -> Events:
     """Return the `Events` of a step in which forces acted for a time h [s]."""
+    solution = contacts.solution
     weight = largest = 0.0
     for m in model.robot.mass:
         weight -= m * h * model.robot.gravity[2]
     for a in closed:
-        largest = max(largest, contacts.last_normal_impulse[a])
+        largest = max(largest, solution.last_normal_impulse[a])
     jumps, lands, count = False, False, 0
     for a in closed:
-        P_N = contacts.impulse[a, 0]
-        count += P_N > 0.0 or contacts.shift[a] <= 0.0
+        P_N = solution.impulse[a, 0]
+        count += P_N > 0.0 or solution.shift[a] <= 0.0
         if P_N > 0.0:
-            lands = lands or contacts.shift[a] != 0.0
-            meets = contacts.last_normal_impulse[a] <= 0.0 and contacts.approach_velocity[a] < 0.0
+            lands = lands or solution.shift[a] != 0.0
+            meets = solution.last_normal_impulse[a] <= 0.0 and solution.approach_velocity[a] < 0.0
             jumps = jumps or meets or P_N > IMPACT_WEIGHTS * max(weight, largest)
     return Events(jumps or lands, lands, count)
 
 
 @inlined
-def find_end_gaps(h_q: float, closed: Array, contacts: Table) -> None:
+def find_end_gaps(h_q: float, closed: Array, contacts: Contacts) -> None:
     """Fill the gaps to which the solution of the contacts leads, linear in the velocities."""
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        change = contacts.gamma[a, 0] - contacts.shift[a] - contacts.approach_velocity[a]
-        contacts.end_gap[a] = contacts.gap[a] + h_q * change
+        change = solution.gamma[a, 0] - solution.shift[a] - solution.approach_velocity[a]
+        solution.end_gap[a] = geometry.gap[a] + h_q * change
 
 
 @inlined
-def closed_at_end(tolerance: float, closed: Array, contacts: Table) -> int:
-    """
-    Return the number of contacts that are closed after a step.
-
-    Their numbers are moved to the front of `closed`, and their shifts set to 0. `tolerance` is the
-    gap up to which a contact is closed [m].
-    """
-    count = 0
-    for k in range(len(closed)):
-        a = closed[k]
-        loaded = contacts.impulse[a, 0] > 0.0 or contacts.shift[a] == 0.0
-        if loaded or contacts.end_gap[a] <= tolerance:
-            contacts.shift[a] = 0.0
-            closed[k], closed[count] = closed[count], a
-            count += 1
-    return count
-
-
-@inlined
-def add_closing(closed: Array, count: int, contacts: Table) -> int:
+def add_closing(closed: Array, count: int, contacts: Contacts) -> int:
     """
     Move the contacts whose gaps are to be closed behind the first `count` ones of `closed`.
 
@@ -173,10 +160,19 @@ def add_closing(closed: Array, count: int, contacts: Table) -> int:
     """
     for k in range(count, len(closed)):
         a = closed[k]
-        if contacts.S_N[a] > 0.0:
+        if contacts.newton.S_N[a] > 0.0:
             closed[k], closed[count] = closed[count], a
             count += 1
     return count
+
+
+class Ending(NamedTuple):
+    """How a part ends that was solved."""
+
+    solved: int  # number of contacts that the solver had, the first ones of the problem
+    h_q: float  # time over which the velocities of the end act on coordinates [s]
+    most_closings: int  # moves that close gaps, at most
+    was_deep: bool  # whether a contact was deep in an obstacle at its start
 
 
 @merged
@@ -185,27 +181,25 @@ def place_end(
     own: Bdf2Arrays,
     work: Workspace,
     problem: Problem,
-    count: int,
-    h_q: float,
-    most_closings: int,
-    was_deep: bool,
+    ending: Ending,
     q_start: Array,
 ) -> None:
     """
     Fill the coordinates at the end, with the gaps of the contacts closed that carry load.
 
-    The solver has the first `count` contacts of the problem, and then all that close, too. There
-    are at most `most_closings` moves. If a contact is deep in an obstacle at the start, at
+    The solver gets all that close, too. If a contact was deep in an obstacle at the start, at
     q_start, all return to their depths there: the step undoes no more than it did.
     """
+    count, h_q, most_closings, was_deep = ending
     laws, closed, contacts, chain = problem
+    geometry, solution = contacts.geometry, contacts.solution
     offset, radius, move = model.robot.contact_offset, model.robot.contact_radius, own.closing
     for a in closed:
-        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
-        contacts.start_gap[a] = 0.0
+        solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
+        geometry.start_gap[a] = 0.0
         if was_deep:
             gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
-            contacts.start_gap[a] = min(gap, 0.0)
+            geometry.start_gap[a] = min(gap, 0.0)
     for attempt in range(most_closings + 1):
         to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
         if to_close > left_gap(model.closed_gap) and attempt < most_closings:
@@ -224,7 +218,7 @@ def place_end(
             model.robot.half_length, model.robot.mass, own.moving.pose, own.moving.angle, own.q
         )
         for a in closed:
-            contacts.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
+            solution.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
 
 
 @compiled
@@ -236,16 +230,17 @@ def deep_contacts_take_part(model: Model, work: Workspace, q: Array) -> bool:
     """
     found, contacts = False, work.contacts
     link_frames(q[:, 3:], work.R)
-    pose, table = (q, work.R, work.center), (work.closed, contacts, work.chain.frame)
+    pose = Pose(q, work.R, work.center)
+    table = Found(work.closed, contacts, work.chain.frame)
     count = find_contacts(model.obstacles, -DEEP, model.robot, pose, table)
     for a in work.closed[:count]:
-        if contacts.takes_part[a] == 0:
-            contacts.takes_part[a], found = 1, True
+        if contacts.geometry.takes_part[a] == 0:
+            contacts.geometry.takes_part[a], found = 1, True
     return found
 
 
 @inlined
-def forget_who_took_part(contacts: Table) -> None:
+def forget_who_took_part(contacts: Contacts) -> None:
     """Let contacts take part in the next part of a step by their gaps alone."""
     for a in range(len(contacts)):
-        contacts.takes_part[a] = 0
+        contacts.geometry.takes_part[a] = 0

@@ -14,7 +14,7 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
@@ -105,13 +105,15 @@ def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
 
 @inlined
 def end_references(
-    dt: float, late: float, known: bool, angle: Array, rate: Array, memory: Any, own: Any
+    dt: float, late: float, known: bool, reference: tuple[Array, Array], memory: Any, own: Any
 ) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
 
-    They are extrapolated with their mean acceleration since the step before, if that is known.
+    They are extrapolated from angles and rates at this middle, `reference`, with their mean
+    acceleration since the step before, if that is known.
     """
+    angle, rate = reference
     for j in range(len(angle)):
         for axis in range(2):
             change = rate[j, axis] - memory.reference_rate[j, axis]
@@ -151,6 +153,14 @@ def restore_history(kept: Array, history: History) -> None:
 
 
 # ---- pushes divide steps ----
+
+
+class Task(NamedTuple):
+    """A part of a step that is to be tried."""
+
+    dt: float  # its length [s]
+    stretch: Stretch  # in which it is, and pushes are constant
+    most: int  # iterations that the report is to have after it
 
 
 @inlined

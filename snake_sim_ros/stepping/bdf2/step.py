@@ -44,19 +44,15 @@ The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these e
 import math
 from typing import Any, NamedTuple
 
-from snake_sim_ros.contact.detection import find_contacts, LANDING_SPEED, penetration
+from snake_sim_ros.contact.closing import keep_closed
+from snake_sim_ros.contact.detection import find_contacts, Found, LANDING_SPEED, penetration, Pose
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
 from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
-from snake_sim_ros.dynamics.joint_control import (
-    ControlMemory,
-    held_torque,
-    read_by_controllers,
-    torques_jump,
-)
+from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
     begin_axis_impact,
@@ -67,13 +63,14 @@ from snake_sim_ros.dynamics.joint_laws import (
     JointLaws,
     MOST_CHANGES,
     stop_axis,
+    Trial,
 )
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2.events import (
     add_approaching,
-    closed_at_end,
     DEEP,
     deep_contacts_take_part,
+    Ending,
     Events,
     events,
     find_end_gaps,
@@ -98,6 +95,7 @@ from snake_sim_ros.stepping.bdf2.formula import (
     path_error,
     restore_history,
     SMOOTH,
+    Task,
     TICKS,
     UNKNOWN,
 )
@@ -112,7 +110,7 @@ from snake_sim_ros.stepping.bdf2.motion import (
 )
 from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.moreau import report_end, turns_are_small
-from snake_sim_ros.stepping.pushes import add_pushes, Stretch
+from snake_sim_ros.stepping.pushes import add_pushes
 from snake_sim_ros.stepping.state import History, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,
@@ -168,9 +166,8 @@ def axes_change(
         return False
     chain = work.chain
     joint_rates(work.R, chain.twist, work.axes.rate)
-    return joint_laws_change(
-        laws, work.axes, chain.torque, chain.damping[:, ::2], outcome, attempt, left, report
-    )
+    loads = chain.torque, chain.damping[:, ::2]
+    return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
 
 
 @inlined
@@ -204,26 +201,25 @@ def begin_impact(laws: JointLaws, work: Workspace) -> None:
                 chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
 
 
+class Terms(NamedTuple):
+    """What a part of a step is solved with."""
+
+    h: float  # time over which forces act, see `formula` [s]
+    h_q: float  # time over which the velocities of the end act on coordinates, see there [s]
+    late: float  # time for which coordinates have moved before that [s]
+    most: int  # iterations that the report is to have after the part
+
+
 @merged
 def begin_part(
-    model: Model,
-    own: Bdf2Arrays,
-    work: Workspace,
-    angle: Array,
-    control: ControlMemory,
-    h: float,
-    h_q: float,
-    late: float,
-    history: History,
+    model: Model, own: Bdf2Arrays, work: Workspace, terms: Terms, history: History
 ) -> Problem:
     """
     Return the contact problem for the predicted end of the step.
 
-    Its closed contacts are those that can close in the step. h and h_q are those of `formula`,
-    `late` is as in `events.leave_gaps`, and `angle`, shape (n-1, 2), are the joint angles at the
-    start; `control` is the memory of the control loop.
+    Its closed contacts are those that can close in the step.
     """
-    chain = work.chain
+    chain, control, h, h_q = work.chain, history.control, terms.h, terms.h_q
     for j in range(len(own.end_angle)):
         for k in range(2):
             stiffness, damping = model.robot.stiffness[j, k], model.robot.damping[j, k]
@@ -238,39 +234,33 @@ def begin_part(
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.robot.joint_laws.present:
-        begin_axes(model.robot.joint_laws, own, work, angle, h, h_q)
+        begin_axes(model.robot.joint_laws, own, work, history.memory.end.angle, h, h_q)
     link_inertia(model.robot, work.R, work.center, chain.bare)
-    smooth_momentum(model.robot, h, own.hat.u, own.star.u, work.R, work.center, chain.momentum)
+    velocities = own.hat.u, own.star.u
+    smooth_momentum(model.robot, h, velocities, work.R, work.center, chain.momentum)
     reach = max(model.closed_gap, LANDING_SPEED * h_q)
-    pose, found = (work.q_mid, work.R, work.center), (work.closed, work.contacts, chain.frame)
+    pose = Pose(work.q_mid, work.R, work.center)
+    found = Found(work.closed, work.contacts, chain.frame)
     count = find_contacts(model.obstacles, reach, model.robot, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:
-        contacts.takes_part[a] = 1
+        contacts.geometry.takes_part[a] = 1
     contact_velocities(closed, contacts, chain.frame, chain.twist)
-    leave_gaps(model, h_q, late, closed, contacts, history.impulse)
+    leave_gaps(model, h_q, terms.late, closed, contacts, history.impulse)
     add_viscous_friction(model.laws.other, h, closed, contacts, chain)
     laws = apply_selection_rule(
-        model.laws, closed, contacts, model.robot.mass, history.impulse, PRESS_SPEED,
-        -h * model.robot.gravity[2],
+        model.laws, closed, contacts, model.robot.mass, history.impulse,
+        (PRESS_SPEED, -h * model.robot.gravity[2]),
     )  # fmt: skip
     return Problem(laws, closed, contacts, chain)
 
 
 @inlined
 def solve_landing(
-    model: Model,
-    own: Bdf2Arrays,
-    work: Workspace,
-    problem: Problem,
-    h: float,
-    h_q: float,
-    history: History,
-    report: Any,
-    most: int,
+    model: Model, own: Bdf2Arrays, work: Workspace, problem: Problem, terms: Terms, steps: Steps
 ) -> tuple[bool, Events, int]:
     """
-    Solve the contacts and, if they land, the impact, until a report has `most` iterations.
+    Solve the contacts and, if they land, the impact, until the report has `most` iterations.
 
     Each solution may take `least_iterations` all the same, but once the others have used them up,
     all contacts that can close take part from the start, so that there are two solutions at most.
@@ -290,6 +280,7 @@ def solve_landing(
 
     """
     laws, closed, contacts, chain = problem
+    history, report, most = without_memory(steps.history), steps.report[0], terms.most
     found, impact = Events(False, False, 0), False
     count = len(closed)
     if report.iterations < most:
@@ -319,13 +310,13 @@ def solve_landing(
         keep_velocities(work, own.moving)
         keep(own.moving, own.end)
         meets = joints_meet_stops(model.robot.joint_laws, own.moving.rate, work)
-        find_end_gaps(h_q, closed, contacts)
-        found = events(model, h, closed, contacts)
+        find_end_gaps(terms.h_q, closed, contacts)
+        found = events(model, terms.h, closed, contacts)
         if meets:
             found = Events(True, True, found.closed)
         if not (found.lands and outcome.converged):
             break
-        count, impact = closed_at_end(model.closed_gap, closed, contacts), True
+        count, impact = keep_closed(closed, contacts, model.closed_gap), True
         begin_impact(model.robot.joint_laws, work)
     return True, found, count
 
@@ -340,52 +331,26 @@ class Part(NamedTuple):
 
 
 @merged
-def one_part(
-    own: Bdf2Arrays,
-    model: Model,
-    work: Workspace,
-    dt: float,
-    stretch: Stretch,
-    steps: Steps,
-    most: int,
-) -> Part:
-    """
-    Return the `Part` of length dt [s] with the references in own.end_angle.
-
-    Its report is to have `most` iterations at its end, as in `solve_landing`.
-
-    It is in the `Stretch`, in which pushes are constant.
-    """
+def one_part(own: Bdf2Arrays, model: Model, work: Workspace, task: Task, steps: Steps) -> Part:
+    """Return the `Part` that solves a task, with the references in own.end_angle."""
     report, history = steps.report[0], steps.history
     memory, depth = history.memory, 0.0
     span = memory.span[0]
-    h, h_q = formula(model.robot.mass, dt, memory, own)
+    h, h_q = formula(model.robot.mass, task.dt, memory, own)
     predict_end(model, h_q, memory, own, work)
     scale = h / (span if span > 0.0 else model.dt)
     for a in range(len(history.impulse)):
         for j in range(5):
             history.impulse[a, j] *= scale
         history.change[a, 0] *= scale
-    contact_history = without_memory(history)
-    problem = begin_part(
-        model,
-        own,
-        work,
-        memory.end.angle,
-        history.control,
-        h,
-        h_q,
-        dt - h_q,
-        contact_history,
-    )
-    add_pushes(steps.pushes, stretch, h, work.R, work.center, work.chain.momentum)
-    is_small, found, count = solve_landing(
-        model, own, work, problem, h, h_q, contact_history, report, most
-    )
+    terms = Terms(h, h_q, task.dt - h_q, task.most)
+    problem = begin_part(model, own, work, terms, history)
+    add_pushes(steps.pushes, task.stretch, h, work.R, work.center, work.chain.momentum)
+    is_small, found, count = solve_landing(model, own, work, problem, terms, steps)
     if is_small:
-        most_closings = MOST_CLOSINGS if report.iterations < most else 0
-        was_deep = memory.depth[0] > DEEP
-        place_end(model, own, work, problem, count, h_q, most_closings, was_deep, steps.q)
+        most_closings = MOST_CLOSINGS if report.iterations < task.most else 0
+        ending = Ending(count, h_q, most_closings, memory.depth[0] > DEEP)
+        place_end(model, own, work, problem, ending, steps.q)
         depth = penetration(
             model.obstacles, model.robot.contact_offset, model.robot.contact_radius, own.q
         )
@@ -437,9 +402,9 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     while done < TICKS:
         size = aligned_size(done, size)
         dt, late = part_of(stretch, model.dt, done, size)
-        end_references(model.dt, late, known, angle, rate, memory, own)
+        end_references(model.dt, late, known, (angle, rate), memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, dt, stretch, steps, most)
+        part = one_part(own, model, work, Task(dt, stretch, most), steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False

@@ -34,6 +34,7 @@ from snake_sim_ros.stepping.bdf2.formula import (
     path_error,
     restore_history,
     SMOOTH,
+    Task,
     TICKS,
     UNKNOWN,
 )
@@ -245,13 +246,9 @@ def predict_loads(
 
 @merged
 def begin_planar_part(
-    model: PlanarModel,
-    own: PlanarBdf2Arrays,
-    work: PlanarWorkspace,
-    start: Any,
-    h: float,
+    model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Any, h: float,
     h_q: float,
-) -> None:
+) -> None:  # fmt: skip
     """
     Fill the workspace for the contact solver, with the references in own.end_angle.
 
@@ -266,11 +263,11 @@ def begin_planar_part(
         reference = own.end_angle[j, 0], own.end_rate[j, 0]
         bend = hat.heading[j + 1] - hat.heading[j]
         torque, damping = implicit_pd_law(
-            h_q, bend, 0.0, reference, model.stiffness[j], model.damping[j]
+            h_q, bend, 0.0, reference, (model.stiffness[j], model.damping[j])
         )
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
     if model.joint_laws.present:
-        begin_predicted_yaw_axes(model, work, start, hat.heading, u_star, h, h_q)
+        begin_predicted_yaw_axes(model, work, (start, hat.heading), u_star, h, h_q)
     fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)
 
@@ -289,30 +286,25 @@ def fill_predicted_grips(
     fill_grips(patches, model, work, x, y)
 
 
+class PlanarPart(NamedTuple):
+    """What is known of a part of a step that may be taken."""
+
+    outcome: Outcome
+    h: float  # times as from `planar_formula` [s]
+    h_q: float
+    meets: bool  # whether a joint meets its stop
+
+
 @merged
 def planar_part(
-    own: PlanarBdf2Arrays,
-    model: PlanarModel,
-    work: PlanarWorkspace,
-    dt: float,
-    stretch: Any,
-    steps: Steps,
-    most: int,
-) -> tuple[Outcome, float, float, bool]:
+    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, task: Task, steps: Steps
+) -> PlanarPart:
     """
-    Find the velocities after a time dt, with the references in own.end_angle; they are in own.end.
+    Return the part that solves a task, with the references in own.end_angle.
 
-    It is in the `Stretch`, in which pushes are constant. `most` is as in `bdf2.solve_landing`.
-
-    Returns
-    -------
-    outcome : Outcome
-    h, h_q : float
-        As from `planar_formula`.
-    meets : bool
-        Whether a joint meets its stop. own.end then has the velocities after this impact.
-
+    Its velocities are in own.end; if a joint meets its stop, those after this impact.
     """
+    dt, stretch, most = task
     history, memory, report = steps.history, steps.history.memory.scheme, steps.report[0]
     h, h_q = planar_formula(model, dt, memory, own)
     predict_loads(h, dt, work, memory, history)
@@ -337,7 +329,7 @@ def planar_part(
             break
         begin_planar_impact(model, work)
     end_planar_velocities(work, own.end.u)
-    return outcome, h, h_q, meets
+    return PlanarPart(outcome, h, h_q, meets)
 
 
 @merged
@@ -346,12 +338,10 @@ def take_planar(
     model: PlanarModel,
     work: PlanarWorkspace,
     dt: float,
-    h: float,
-    h_q: float,
-    meets: bool,
+    part: PlanarPart,
     memory: PlanarBdf2Memory,
 ) -> None:
-    """Move to the state that `planar_part` found."""
+    """Move to the end of a part of length dt [s]."""
     keep_planar(memory.end, memory.start)
     for k in range(2):
         memory.end.pose[k] = own.hat.pose[k]
@@ -359,13 +349,13 @@ def take_planar(
         memory.end.heading[i] = own.hat.heading[i]
         for k in range(3):
             memory.end.u[i, k] = own.end.u[i, k]
-    move_planar(model, h_q, own.moving, memory.end)
+    move_planar(model, part.h_q, own.moving, memory.end)
     for j in range(len(work.applied)):
         for axis in range(2):
-            work.applied[j, axis] *= model.dt / h
+            work.applied[j, axis] *= model.dt / part.h
     stop_impact(work)
-    memory.span[0], memory.dt[0] = h, dt
-    memory.phase[0] = ANEW if meets or memory.phase[0] == UNKNOWN else SMOOTH
+    memory.span[0], memory.dt[0] = part.h, dt
+    memory.phase[0] = ANEW if part.meets or memory.phase[0] == UNKNOWN else SMOOTH
 
 
 @merged
@@ -386,17 +376,17 @@ def planar_step(
     while done < TICKS:
         size = aligned_size(done, size)
         dt, late = part_of(stretch, model.dt, done, size)
-        end_references(model.dt, late, known, angle, rate, memory, own)
+        end_references(model.dt, late, known, (angle, rate), memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        outcome, h, h_q, meets = planar_part(own, model, work, dt, stretch, steps, most)
+        part = planar_part(own, model, work, Task(dt, stretch, most), steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, next_size = judge_part(model.path_tolerance, error, size)
         taken = taken or report.iterations >= most
         if not taken:
             restore_history(own.kept, steps.history)
-        elif is_planar(model, work, steps, outcome):
-            take_planar(own, model, work, dt, h, h_q, meets, memory)
+        elif is_planar(model, work, steps, part.outcome):
+            take_planar(own, model, work, dt, part, memory)
             done, parts = done + size, parts + 1
             if done == TICKS and stretch.end < stretch.step_end:
                 stretch = next_stretch(steps.pushes, stretch, memory)

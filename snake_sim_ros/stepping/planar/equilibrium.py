@@ -18,10 +18,12 @@ from snake_sim_ros.contact.closing import (
     MOST_MOVES,
     predict_gaps,
 )
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
@@ -61,7 +63,7 @@ def fill_momentum(model: PlanarModel, work: PlanarWorkspace, u: Array, u_start: 
         A[3], A[4], A[5] = m, 0.0, m
         c, s = work.heading[i, 0], work.heading[i, 1]
         vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
-        fill_link_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, omega)
+        fill_link_velocities(work.contacts, i, n, model.offset[i], (c, s), (vx, vy, omega))
     add_viscous_friction_in_plane(model.laws.other, model, work)
 
 
@@ -95,7 +97,7 @@ def add_viscous_friction_in_plane(
 
 @inlined
 def viscous_impulses(
-    other: OtherFriction | None, h: float, contacts: Table, i: int, n: int
+    other: OtherFriction | None, h: float, contacts: Contacts, i: int, n: int
 ) -> tuple[float, float]:
     """Return the impulse of viscous friction in a time h [s] along and across link i of n."""
     if other is None:
@@ -103,7 +105,10 @@ def viscous_impulses(
     along = across = 0.0
     for a in (i, n + i):
         c_x, c_y = viscosity(other, h, contacts, a)
-        along, across = along - c_x * contacts.gamma[a, 1], across - c_y * contacts.gamma[a, 2]
+        along, across = (
+            along - c_x * contacts.solution.gamma[a, 1],
+            across - c_y * contacts.solution.gamma[a, 2],
+        )
     return along, across
 
 
@@ -179,20 +184,13 @@ def fill_grips(
 
 @inlined
 def fill_link_velocities(
-    contacts: Table,
-    i: int,
-    n: int,
-    offset: float,
-    c: float,
-    s: float,
-    vx: float,
-    vy: float,
-    omega: float,
+    contacts: Contacts, i: int, n: int, offset: float, heading: tuple[float, float], v: Three
 ) -> None:
-    """Fill the sliding velocities of both contacts of link i, with heading (c, s)."""
+    """Fill the sliding velocities of both contacts of link i with velocities x, y and turn."""
+    solution, (c, s), (vx, vy, omega) = contacts.solution, heading, v
     along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
-    contacts.gamma[i, 1] = contacts.gamma[n + i, 1] = along
-    contacts.gamma[i, 2], contacts.gamma[n + i, 2] = across + turning, across - turning
+    solution.gamma[i, 1] = solution.gamma[n + i, 1] = along
+    solution.gamma[i, 2], solution.gamma[n + i, 2] = across + turning, across - turning
 
 
 @inlined
@@ -204,7 +202,7 @@ def planar_contact_velocities(model: PlanarModel, work: PlanarWorkspace) -> None
         c, s = work.heading[i, 0], work.heading[i, 1]
         w = work.twist[i, 0]
         vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
-        fill_link_velocities(work.contacts, i, n, model.offset[i], c, s, vx, vy, w)
+        fill_link_velocities(work.contacts, i, n, model.offset[i], (c, s), (vx, vy, w))
 
 
 @compiled
@@ -220,11 +218,12 @@ def factor_bare(work: PlanarWorkspace) -> None:
 def planar_twists(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the twists and sliding velocities that follow from the friction impulses."""
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
+    solution = contacts.solution
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along = contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
-        across = contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
-        moment = model.offset[i] * (contacts.impulse[i, 2] - contacts.impulse[n + i, 2])
+        along = solution.impulse[i, 1] + solution.impulse[n + i, 1]
+        across = solution.impulse[i, 2] + solution.impulse[n + i, 2]
+        moment = model.offset[i] * (solution.impulse[i, 2] - solution.impulse[n + i, 2])
         px, py = c * along - s * across, s * along + c * across
         moment += work.center[i, 0] * py - work.center[i, 1] * px
         chain.wrench[i, 0] = work.momentum[i, 0] + moment
@@ -246,12 +245,13 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     link within the tolerance of the solver is neglected: nothing holds a single link against it.
     """
     contacts, upright, n = work.contacts, work.upright, len(work.heading)
+    solution = contacts.solution
     h = model.dt * work.standing.part[0]
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
         along, across = viscous_impulses(model.laws.other, h, contacts, i, n)
-        along += contacts.impulse[i, 1] + contacts.impulse[n + i, 1]
-        across += contacts.impulse[i, 2] + contacts.impulse[n + i, 2]
+        along += solution.impulse[i, 1] + solution.impulse[n + i, 1]
+        across += solution.impulse[i, 2] + solution.impulse[n + i, 2]
         if abs(across) <= model.mass[i] * model.laws.residual_tolerance:
             across = 0.0
         upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
@@ -264,7 +264,7 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
         c, s = work.heading[i, 0], work.heading[i, 1]
         load = wy * work.center[i, 0] - wx * work.center[i, 1] - upright.twist[i, 2]
         lever = model.offset[i] * (wy * c - wx * s)
-        contacts.impulse[i, 0], contacts.impulse[n + i, 0] = load + lever, load - lever
+        solution.impulse[i, 0], solution.impulse[n + i, 0] = load + lever, load - lever
         least = min(least, load - abs(lever))
         turn = max(turn, abs(wx * c + wy * s))
     root = n // 2
@@ -278,6 +278,7 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
 def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> int:
     """Fill the contacts with pegs that may close in the step; return their number."""
     n, count, contacts = len(u), 0, work.contacts
+    geometry, solution = contacts.geometry, contacts.solution
     most = reach_of_step(model.closed_gap, 0.5 * model.dt)
     for k in range(len(model.pegs)):
         peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
@@ -290,22 +291,22 @@ def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Ar
                 continue
             c, s = work.heading[i, 0], work.heading[i, 1]
             arm, distance, normal_x, normal_y = peg_contact(
-                link_x, link_y, c, s, model.offset[i], peg_x, peg_y
+                (link_x, link_y), (c, s), model.offset[i], (peg_x, peg_y)
             )
             gap = distance - peg_radius - model.radius
             if gap <= most:
                 a = model.first_peg + k * n + i
                 work.closed[2 * n + count] = a
                 count += 1
-                contacts.link[a], contacts.gap[a], contacts.shift[a] = i, gap, 0.0
-                contacts.heading[a, 0], contacts.heading[a, 1] = -normal_y, normal_x
+                geometry.link[a], geometry.gap[a], solution.shift[a] = i, gap, 0.0
+                geometry.heading[a, 0], geometry.heading[a, 1] = -normal_y, normal_x
                 point_x = arm * c - model.radius * normal_x
                 point_y = arm * s - model.radius * normal_y
-                contacts.point[a, 0] = work.center[i, 0] + point_x
-                contacts.point[a, 1] = work.center[i, 1] + point_y
+                geometry.point[a, 0] = work.center[i, 0] + point_x
+                geometry.point[a, 1] = work.center[i, 1] + point_y
                 vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
-                contacts.gamma[a, 0] = normal_x * vx + normal_y * vy
-                contacts.gamma[a, 1] = normal_x * vy - normal_y * vx
+                solution.gamma[a, 0] = normal_x * vx + normal_y * vy
+                solution.gamma[a, 1] = normal_x * vy - normal_y * vx
     predict_gaps(model.closed_gap, model.dt, work.closed[2 * n : 2 * n + count], contacts)
     return count
 
@@ -314,28 +315,37 @@ def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Ar
 def peg_velocities(closed: Array, work: PlanarWorkspace) -> None:
     """Fill the velocities of the contacts with pegs, with their shifts, from work.twist."""
     for a in closed:
-        i = work.contacts.link[a]
-        t_x, t_y = work.contacts.heading[a, 0], work.contacts.heading[a, 1]
+        i = work.contacts.geometry.link[a]
+        t_x, t_y = work.contacts.geometry.heading[a, 0], work.contacts.geometry.heading[a, 1]
         w = work.twist[i, 0]
-        vx = work.twist[i, 1] - w * work.contacts.point[a, 1]
-        vy = work.twist[i, 2] + w * work.contacts.point[a, 0]
-        work.contacts.gamma[a, 0] = t_y * vx - t_x * vy + work.contacts.shift[a]
-        work.contacts.gamma[a, 1] = t_x * vx + t_y * vy
+        vx = work.twist[i, 1] - w * work.contacts.geometry.point[a, 1]
+        vy = work.twist[i, 2] + w * work.contacts.geometry.point[a, 0]
+        work.contacts.solution.gamma[a, 0] = t_y * vx - t_x * vy + work.contacts.solution.shift[a]
+        work.contacts.solution.gamma[a, 1] = t_x * vx + t_y * vy
 
 
 @inlined
 def add_peg_law(
-    chain: HingeChain, contacts: Table, a: int, normal: float, along: float, S_N: float, S_T: float
+    chain: HingeChain,
+    contacts: Contacts,
+    a: int,
+    impulse: tuple[float, float],
+    decrease: tuple[float, float],
 ) -> None:
-    """Add impulses [N s] and their decrease per velocity [kg] at contact a to its link."""
-    t_x, t_y = contacts.heading[a, 0], contacts.heading[a, 1]
-    x, y = contacts.point[a, 0], contacts.point[a, 1]
+    """
+    Add impulses [N s] and their decrease per velocity [kg] at contact a to its link.
+
+    Both are along the normal and along the link.
+    """
+    geometry, (normal, along), (S_N, S_T) = contacts.geometry, impulse, decrease
+    t_x, t_y = geometry.heading[a, 0], geometry.heading[a, 1]
+    x, y = geometry.point[a, 0], geometry.point[a, 1]
     n_x, n_y = t_y, -t_x
     px, py = normal * n_x + along * t_x, normal * n_y + along * t_y
     xx, yy = S_N * n_x * n_x + S_T * t_x * t_x, S_N * n_y * n_y + S_T * t_y * t_y
     xy = S_N * n_x * n_y + S_T * t_x * t_y
     a_x, a_y = x * xy - y * xx, x * yy - y * xy
-    i = contacts.link[a]
+    i = geometry.link[a]
     A, w = chain.inertia[i], chain.wrench[i]
     A[0] += x * a_y - y * a_x
     A[1] += a_x
@@ -370,9 +380,10 @@ def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Arra
 
     """
     chain, contacts, n = work.chain, work.contacts, len(work.heading)
+    solution, newton = contacts.solution, contacts.newton
     depth, before = peg_gaps(model, contacts, q), math.inf
     for a in closed:
-        contacts.is_loaded[a] = contacts.impulse[a, 0] > 0.0
+        solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
     for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
         to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
@@ -388,8 +399,8 @@ def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Arra
             for k in range(3):
                 chain.wrench[i, k] = 0.0
         for a in closed:
-            S_N = contacts.S_N[a] / model.laws.proximal_compliance
-            add_peg_law(chain, contacts, a, -S_N * contacts.end_gap[a], 0.0, S_N, 0.0)
+            S_N = newton.S_N[a] / model.laws.proximal_compliance
+            add_peg_law(chain, contacts, a, (-S_N * solution.end_gap[a], 0.0), (S_N, 0.0))
         factor_hinges(chain)
         solve_hinges(chain, work.no_torque)
         move_links_in_plane(work, 1.0, q)
@@ -408,7 +419,7 @@ def move_links_in_plane(work: PlanarWorkspace, h: float, q: Array) -> None:
 
 
 @merged
-def peg_gaps(model: PlanarModel, contacts: Table, q: Array) -> float:
+def peg_gaps(model: PlanarModel, contacts: Contacts, q: Array) -> float:
     """Fill the end gaps of all contacts with pegs; return the largest penetration [m]."""
     deepest = x = y = reach_x = reach_y = 0.0
     n = len(model.mass)
@@ -420,9 +431,9 @@ def peg_gaps(model: PlanarModel, contacts: Table, q: Array) -> float:
         reach_x, reach_y = half * c, half * s
         for k in range(len(model.pegs)):
             _, distance, _, _ = peg_contact(
-                q[0] + x, q[1] + y, c, s, model.offset[i], model.pegs[k, 0], model.pegs[k, 1]
+                (q[0] + x, q[1] + y), (c, s), model.offset[i], (model.pegs[k, 0], model.pegs[k, 1])
             )
             gap = distance - model.pegs[k, 2] - model.radius
-            contacts.end_gap[model.first_peg + k * n + i] = gap
+            contacts.solution.end_gap[model.first_peg + k * n + i] = gap
             deepest = max(deepest, -gap)
     return deepest

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.contacts import Contacts, make_contacts
 from snake_sim_ros.contact.detection import make_patches, Patches
 from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.contact.problem import make_table
-from snake_sim_ros.dynamics.compilation import record_array, Table
+from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
@@ -123,7 +123,7 @@ class PlanarWorkspace(NamedTuple):
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of the plane, with a spring at each contact
     closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
-    contacts: Table  # (c,) table of all contacts
+    contacts: Contacts  # all contacts of the scene
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     moving: Array  # (n, 3) velocities that move the coordinates to the end, as `u`
     standing: Any  # (1,) a record of STANDING
@@ -198,7 +198,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         chain=make_chain(n),
         upright=make_chain(n),
         closed=closed,
-        contacts=make_table(count),
+        contacts=make_contacts(count),
         twist=np.zeros((n, 3)),
         moving=np.zeros((n, 3)),
         standing=record_array(1, STANDING),

@@ -32,7 +32,7 @@ are those of all axes, of which the first column is used. Pitch joints hold a fl
 import math
 from typing import Any
 
-from snake_sim_ros.contact.closing import keep_closed_contacts
+from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import pd_law
@@ -45,6 +45,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     joint_laws_change,
     MOST_CHANGES,
     stop_axis,
+    Trial,
 )
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
@@ -91,8 +92,7 @@ def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array
 def begin_predicted_yaw_axes(
     model: PlanarModel,
     work: PlanarWorkspace,
-    start: Any,
-    hat: Any,
+    headings: tuple[Any, Any],
     u_star: Array,
     h: float,
     h_q: float,
@@ -100,9 +100,10 @@ def begin_predicted_yaw_axes(
     """
     Begin a part of a step of `bdf2` with the laws of the yaw joints, as `bdf2.step.begin_axes`.
 
-    Headings (n,) at the start and without the rates of the end are `start` and `hat` [rad], and
-    u_star, shape (n, 3), are the predicted velocities.
+    Headings (n,) are those at the start and those without the rates of the end [rad], and u_star,
+    shape (n, 3), are the predicted velocities.
     """
+    start, hat = headings
     laws, stop = model.joint_laws, model.joint_laws.stop
     for j in range(len(work.torque)):
         begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
@@ -147,7 +148,8 @@ def yaw_axes_change(
     for j in range(n - 1):
         work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
     torque, damping = work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
-    return joint_laws_change(laws, work.axes, torque, damping, outcome, attempt, left, report)
+    trial = Trial(outcome, attempt, left)
+    return joint_laws_change(laws, work.axes, (torque, damping), trial, report)
 
 
 @inlined
@@ -208,7 +210,7 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
         difference, turn = q[3 + j] - q[2 + j], u[j + 1, 2] - u[j, 2]
         torque, damping = pd_law(
             model.pd_scheme, dt, (difference, turn), (difference + dt / 2 * turn, turn),
-            (angle[j, 0], rate[j, 0]), model.stiffness[j], model.damping[j],
+            (angle[j, 0], rate[j, 0]), (model.stiffness[j], model.damping[j]),
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
     if model.joint_laws.present:
@@ -389,9 +391,9 @@ def solve_planar_step(
         if outcome.iterations >= left or not outcome.converged:
             break
         pegs = work.closed[floor:count]
-        kept = keep_closed_contacts(pegs, work.contacts)
-        if kept == 0:
+        if not contacts_land(pegs, work.contacts):
             break
+        kept = keep_closed(pegs, work.contacts, NONE)
         lands, count = True, floor + kept
         note_outcome(outcome, report)
         peg_velocities(pegs[:kept], work)

@@ -18,6 +18,7 @@ import math
 from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
+from snake_sim_ros.contact.contacts import Contacts, SLIDING
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     anchored_side,
@@ -40,9 +41,9 @@ from snake_sim_ros.contact.newton import (
     move_trial,
     next_relaxation,
 )
-from snake_sim_ros.contact.problem import Outcome, SLIDING
+from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
@@ -102,51 +103,53 @@ def solve_in_plane(  # type: ignore[empty-body]
 
 
 @inlined
-def predict_sliding(closed: Array, contacts: Table, history: History) -> None:
+def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
+    solution, newton = contacts.solution, contacts.newton
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
         P_N = last[a, 0]
-        contacts.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
+        newton.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
         for k in range(3):
-            contacts.anchor[a, k] = last[a, k]
+            newton.anchor[a, k] = last[a, k]
         x, y = velocity[a, 1], velocity[a, 2]
         next_x, next_y = x + change[a, 1], y + change[a, 2]
         ahead = x * next_x + y * next_y > 0.0
         x, y = (next_x, next_y) if ahead else (x, y)
         known = P_N > 0.0
-        contacts.trial[a, 0] = 0.0 if known else contacts.gamma[a, 0]
-        contacts.trial[a, 1] = x if known else contacts.gamma[a, 1]
-        contacts.trial[a, 2] = y if known else contacts.gamma[a, 2]
+        newton.trial[a, 0] = 0.0 if known else solution.gamma[a, 0]
+        newton.trial[a, 1] = x if known else solution.gamma[a, 1]
+        newton.trial[a, 2] = y if known else solution.gamma[a, 2]
 
 
 @merged
-def remember_sliding(closed: Array, contacts: Table, history: History) -> None:
+def remember_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
+    solution, newton = contacts.solution, contacts.newton
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        contacts.is_closed[a] = 1
-        P_N = contacts.impulse[a, 0]
+        newton.is_closed[a] = 1
+        P_N = solution.impulse[a, 0]
         before = last[a, 0] > 0.0
         difference = P_N - last[a, 0] if before else 0.0
         change[a, SECOND_CHANGE] = difference - change[a, 0] if before else 0.0
         change[a, 0] = difference
         last[a, 0] = P_N
         for k in range(1, 3):
-            gamma = contacts.gamma[a, k]
+            gamma = solution.gamma[a, k]
             change[a, k] = gamma - velocity[a, k] if before else 0.0
             velocity[a, k] = gamma
-            last[a, k] = contacts.impulse[a, k]
-    for a in range(len(contacts) if len(contacts) > len(closed) else 0):
-        if contacts.is_closed[a] == 0 and last[a, 0] > 0.0:
+            last[a, k] = solution.impulse[a, k]
+    for a in range(len(last) if len(last) > len(closed) else 0):
+        if newton.is_closed[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
                 last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        contacts.is_closed[a] = 0
+        newton.is_closed[a] = 0
 
 
 @inlined
 def sliding_law(
-    laws: Laws, contacts: Table, a: int, again: bool
+    laws: Laws, contacts: Contacts, a: int, again: bool
 ) -> tuple[float, float, float, float, float]:
     """
     Fill the law of sliding at contact a, linear about the trial velocity, with a held radius.
@@ -159,17 +162,18 @@ def sliding_law(
         Decrease of the impulses per velocity [kg].
 
     """
-    x, y = contacts.trial[a, 1], contacts.trial[a, 2]
+    newton = contacts.newton
+    x, y = newton.trial[a, 1], newton.trial[a, 2]
     disc, radius = (
         floor_disc(laws, laws.other, anchored_side(contacts, a)),
-        contacts.disc_radius[a],
+        newton.disc_radius[a],
     )
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
-        disc, contacts.anchor[a, 1], contacts.anchor[a, 2], x, y,
+        disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y,
         grip(laws.other, contacts, a) * radius,
     )  # fmt: skip
-    contacts.law_impulse[a, 1], contacts.law_impulse[a, 2] = P_x, P_y
-    contacts.S_xx[a, SLIDING], contacts.S_xy[a, SLIDING], contacts.S_yy[a, SLIDING] = (
+    newton.law_impulse[a, 1], newton.law_impulse[a, 2] = P_x, P_y
+    newton.S_xx[a, SLIDING], newton.S_xy[a, SLIDING], newton.S_yy[a, SLIDING] = (
         S_xx,
         S_xy,
         S_yy,
@@ -221,18 +225,19 @@ def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> 
 def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool) -> None:
     """Add the linear laws of contacts with pegs, as `add_sliding_laws` adds those of the floor."""
     laws, contacts, chain = model.laws, work.contacts, work.chain
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
-        P_N, S_N = normal_law(laws, 0.0, contacts.anchor[a, 0], contacts.trial[a, 0])
-        contacts.law_impulse[a, 0], contacts.S_N[a] = P_N, S_N
-        contacts.P_0[a, 0] = P_N + S_N * contacts.trial[a, 0]
+        P_N, S_N = normal_law(laws, 0.0, newton.anchor[a, 0], newton.trial[a, 0])
+        newton.law_impulse[a, 0], newton.S_N[a] = P_N, S_N
+        newton.P_0[a, 0] = P_N + S_N * newton.trial[a, 0]
         linearize_disc(
-            anchored_disc(laws, laws.other, contacts, a), contacts, a, contacts.disc_radius[a], 0.0
+            anchored_disc(laws, laws.other, contacts, a), contacts, a, newton.disc_radius[a], 0.0
         )
-        normal, along = contacts.law_impulse[a, 0], contacts.law_impulse[a, 1]
+        normal, along = newton.law_impulse[a, 0], newton.law_impulse[a, 1]
         if not again:
-            normal = contacts.P_0[a, 0] - contacts.S_N[a] * contacts.shift[a]
-            along = contacts.P_0[a, 1]
-        add_peg_law(chain, contacts, a, normal, along, S_N, contacts.S_xx[a, SLIDING])
+            normal = newton.P_0[a, 0] - newton.S_N[a] * solution.shift[a]
+            along = newton.P_0[a, 1]
+        add_peg_law(chain, contacts, a, (normal, along), (S_N, newton.S_xx[a, SLIDING]))
 
 
 @inlined
@@ -245,6 +250,7 @@ def planar_linear_step(
     `again` is as in `add_sliding_laws`.
     """
     contacts, chain, n = work.contacts, work.chain, len(work.heading)
+    solution, newton = contacts.solution, contacts.newton
     pegs = closed[2 * n :]
     add_sliding_laws(model, work, again)
     add_peg_laws(model, work, pegs, again)
@@ -260,22 +266,22 @@ def planar_linear_step(
     planar_contact_velocities(model, work)
     peg_velocities(pegs, work)
     for a in pegs:
-        slower = contacts.trial[a, 0] - contacts.gamma[a, 0]
-        contacts.impulse[a, 0] = contacts.law_impulse[a, 0] + contacts.S_N[a] * slower
+        slower = newton.trial[a, 0] - solution.gamma[a, 0]
+        solution.impulse[a, 0] = newton.law_impulse[a, 0] + newton.S_N[a] * slower
     for a in closed:
-        d_x = contacts.gamma[a, 1] - contacts.trial[a, 1]
-        d_y = contacts.gamma[a, 2] - contacts.trial[a, 2]
+        d_x = solution.gamma[a, 1] - newton.trial[a, 1]
+        d_y = solution.gamma[a, 2] - newton.trial[a, 2]
         S_xx, S_xy, S_yy = (
-            contacts.S_xx[a, SLIDING],
-            contacts.S_xy[a, SLIDING],
-            contacts.S_yy[a, SLIDING],
+            newton.S_xx[a, SLIDING],
+            newton.S_xy[a, SLIDING],
+            newton.S_yy[a, SLIDING],
         )
-        contacts.impulse[a, 1] = contacts.law_impulse[a, 1] - S_xx * d_x - S_xy * d_y
-        contacts.impulse[a, 2] = contacts.law_impulse[a, 2] - S_xy * d_x - S_yy * d_y
+        solution.impulse[a, 1] = newton.law_impulse[a, 1] - S_xx * d_x - S_xy * d_y
+        solution.impulse[a, 2] = newton.law_impulse[a, 2] - S_xy * d_x - S_yy * d_y
 
 
 @inlined
-def residual_in_plane(model: PlanarModel, closed: Array, contacts: Table) -> float:
+def residual_in_plane(model: PlanarModel, closed: Array, contacts: Contacts) -> float:
     """
     Return the residual of `natural_map` [m/s], or an upper bound that is beyond the tolerance.
 
@@ -298,17 +304,18 @@ def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> No
     are therefore found once more, with friction for the loads that were found.
     """
     laws, contacts = model.laws, work.contacts
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
-        radius, P_N = contacts.disc_radius[a], max(0.0, contacts.impulse[a, 0])
-        disc = floor_disc(laws, laws.other, contacts.impulse[a, 1])
+        radius, P_N = newton.disc_radius[a], max(0.0, solution.impulse[a, 0])
+        disc = floor_disc(laws, laws.other, solution.impulse[a, 1])
         most = grip(laws.other, contacts, a) * radius
-        x, y = disc.over_x * contacts.impulse[a, 1], disc.over_y * contacts.impulse[a, 2]
+        x, y = disc.over_x * solution.impulse[a, 1], disc.over_y * solution.impulse[a, 2]
         if radius > 0.0 and x * x + y * y >= SLIDING_SHARE * most * most:
-            contacts.impulse[a, 1] *= P_N / radius
-            contacts.impulse[a, 2] *= P_N / radius
+            solution.impulse[a, 1] *= P_N / radius
+            solution.impulse[a, 2] *= P_N / radius
     find_loads(model, work)
     for a in closed:
-        contacts.disc_radius[a] = max(0.0, contacts.impulse[a, 0])
+        newton.disc_radius[a] = max(0.0, solution.impulse[a, 0])
 
 
 @merged
@@ -345,8 +352,9 @@ def iterate_held_in_plane(
 ) -> int:
     """Solve the convex problem with held radii and anchors; return the number of iterations."""
     laws, contacts = model.laws, work.contacts
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:  # takes no part in the line search
-        contacts.impulse[a, 0] = contacts.iterate[a, 0] = contacts.anchor[a, 0]
+        solution.impulse[a, 0] = newton.iterate[a, 0] = newton.anchor[a, 0]
     iterations = 0
     while iterations < min(HELD_ITERATIONS, limit):
         planar_linear_step(model, work, closed, again or iterations > 0)
@@ -364,7 +372,7 @@ def iterate_held_in_plane(
 
 
 @inlined
-def anchor_what_moves(laws: Laws, closed: Array, contacts: Table) -> None:
+def anchor_what_moves(laws: Laws, closed: Array, contacts: Contacts) -> None:
     """
     Fill the anchors as `anchor_at_iterate`, except for friction of contacts that are still.
 
@@ -372,14 +380,15 @@ def anchor_what_moves(laws: Laws, closed: Array, contacts: Table) -> None:
     shift it a little in every round, and the normal loads with it. Where the friction against
     sliding forward and backward differs, the anchor must still be on the side of the impulse.
     """
+    solution, newton = contacts.solution, contacts.newton
     still = STILL_SHARE * laws.residual_tolerance
     for a in closed:
-        P_N = max(0.0, contacts.iterate[a, 0])
-        contacts.anchor[a, 0] = P_N
-        x, y = contacts.gamma[a, 1], contacts.gamma[a, 2]
+        P_N = max(0.0, newton.iterate[a, 0])
+        newton.anchor[a, 0] = P_N
+        x, y = solution.gamma[a, 1], solution.gamma[a, 2]
         moves = x * x + y * y > still * still
         if moves or changes_side(laws.other, contacts, a):
-            disc = sliding_disc(laws, laws.other, a, contacts.iterate[a, 1])
+            disc = sliding_disc(laws, laws.other, a, newton.iterate[a, 1])
             anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
 
 
@@ -401,6 +410,7 @@ def solve_planar_contacts(
 ) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
     laws, contacts = model.laws, work.contacts
+    newton = contacts.newton
     predict_sliding(closed, contacts, history)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
     rounds, relaxation, before = 0, 1.0, 0.0
@@ -408,9 +418,9 @@ def solve_planar_contacts(
         if rounds == 0:
             predict_sliding(closed, contacts, history)
             for a in closed:
-                contacts.held_radius[a], contacts.radius_step[a] = contacts.disc_radius[a], 0.0
+                newton.held_radius[a], newton.radius_step[a] = newton.disc_radius[a], 0.0
         for a in closed:
-            contacts.disc_radius[a] = contacts.held_radius[a]
+            newton.disc_radius[a] = newton.held_radius[a]
         inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * laws.residual_tolerance
         iterations += iterate_held_in_plane(
             model, work, closed, inner, rounds > 0, limit - iterations
@@ -422,8 +432,8 @@ def solve_planar_contacts(
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         for a in closed:
-            contacts.held_radius[a] = max(
-                0.0, contacts.held_radius[a] + relaxation * contacts.radius_step[a]
+            newton.held_radius[a] = max(
+                0.0, newton.held_radius[a] + relaxation * newton.radius_step[a]
             )
         rounds += 1
     remember_sliding(closed, contacts, history)
@@ -435,12 +445,13 @@ def solve_planar_contacts(
 def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> float:
     """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
     laws, contacts = model.laws, work.contacts
+    solution = contacts.solution
     normal = sliding = 0.0
     for a in work.closed:
-        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
+        P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
         radius = prox_half_line(P_N)
         radius *= grip(laws.other, contacts, a)
-        x, y = P_x - laws.r_T * contacts.gamma[a, 1], P_y - laws.r_T * contacts.gamma[a, 2]
+        x, y = P_x - laws.r_T * solution.gamma[a, 1], P_y - laws.r_T * solution.gamma[a, 2]
         disc = sliding_disc(laws, laws.other, a, x)
         new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
         normal += (P_N - impulse[a, 0]) ** 2

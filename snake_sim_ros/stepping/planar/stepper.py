@@ -12,7 +12,7 @@ from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
-from snake_sim_ros.stepping.base import Report
+from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.planar.model import (
     forget,
     make_planar_memory,
@@ -39,9 +39,7 @@ ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 @compiled
 def to_space(
     half_length: Array,
-    q: Array,
-    u: Array,
-    tilt: Array,
+    planar: tuple[Array, Array, Array],
     height: Array,
     links: Array,
     velocities: Array,
@@ -53,14 +51,15 @@ def to_space(
     ----------
     half_length : ndarray, shape (n,)
         Half of the link lengths [m].
-    q, u, tilt : ndarray
-        As in `model.PlanarMemory`.
+    planar : tuple of ndarray
+        q, u and tilt, as in `model.PlanarMemory`.
     height : ndarray, shape (n,)
         Heights of the link centers [m].
     links, velocities : ndarray, shapes (n, 7) and (n, 6)
         They are filled with q and u of `state.State`.
 
     """
+    q, u, tilt = planar
     x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0
     for i in range(len(u)):
         e0, e1, e2, e3 = tilt[i, 0], tilt[i, 1], tilt[i, 2], tilt[i, 3]
@@ -111,17 +110,16 @@ def close_twist(before: Array, link: Array, velocity: Array) -> None:
 @compiled
 def samples_to_space(
     half_length: Array,
-    q: Array,
-    u: Array,
-    tilt: Array,
+    planar: tuple[Array, Array, Array],
     height: Array,
     count: int,
     links: Array,
     velocities: Array,
 ) -> None:
     """Fill a number of samples in space from planar ones, with what `to_space` takes."""
+    q, u, tilt = planar
     for m in range(count):
-        to_space(half_length, q[m], u[m], tilt, height, links[m], velocities[m])
+        to_space(half_length, (q[m], u[m], tilt), height, links[m], velocities[m])
 
 
 @compiled
@@ -135,7 +133,7 @@ def is_recalled(
 ) -> bool:
     """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
-    to_space(half_length, q, u, tilt, links[:, 2], made_links, made_velocities)
+    to_space(half_length, (q, u, tilt), links[:, 2], made_links, made_velocities)
     for i in range(len(u)):
         for k in range(7):
             if made_links[i, k] != links[i, k]:
@@ -177,6 +175,8 @@ class PlanarStepper:
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
         self.returned = Returned(n, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
+        none = np.empty((0, n + 2)), np.empty((0, n, 3))
+        self.no_record = Record(0, 0, *none, *self.no_samples[4:-1])
         self.cycles = np.zeros(1, np.int64)
 
     def empty_history(self) -> History:
@@ -193,25 +193,24 @@ class PlanarStepper:
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         self.returned.check(state, history, angle, rate)
-        samples, history = checked(samples, self.no_samples), copied(history)
-        goes_on = self.goes_on(state, history.memory)
-        given = angle, rate, samples, pushes
-        state, history, report = self.take_steps(state, history, *given, goes_on)
+        history, goes_on = copied(history), self.goes_on(state, history.memory)
+        inputs = Inputs(angle, rate, checked(samples, self.no_samples), pushes)
+        state, history, report = self.take_steps(state, history, inputs, goes_on)
         self.returned.last = state, history
         return state, history, report
 
     def take_steps(
-        self, state: State, history: History, angle: Array, rate: Array, kept: Samples,
-        pushes: PushTable, goes_on: bool,
-    ) -> tuple[State, History, Report]:  # fmt: skip
+        self, state: State, history: History, inputs: Inputs, goes_on: bool
+    ) -> tuple[State, History, Report]:
         """Advance with checked arguments, of which the history is changed in place."""
+        angle, rate, kept, pushes = inputs
         q, u, tilt = self.coordinates(state, history.memory, goes_on)
         count = kept.reached_by(len(angle))
         record = Record(
             kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),
             *kept[4:-1],
         )  # fmt: skip
-        steps = make_steps(q, u, history, angle, rate, record, pushes)
+        steps = make_steps((q, u), history, (angle, rate), record, pushes)
         self.loop(self.model, self.work, steps)
         self.cycles = steps.cycles
         report = report_of(steps, self.work.applied, self.model.dt, self.level)
@@ -225,7 +224,8 @@ class PlanarStepper:
         end = self.in_space(q, u, tilt, height)
         if count:
             reached = kept.reached_by(report.steps)
-            samples_to_space(half, record.q, record.u, tilt, height, reached, kept.q, kept.u)
+            planar = record.q, record.u, tilt
+            samples_to_space(half, planar, height, reached, kept.q, kept.u)
             kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
@@ -233,7 +233,7 @@ class PlanarStepper:
     def in_space(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
         """Return the state of the links, see `to_space`."""
         end = State(np.empty((len(u), 7)), np.empty((len(u), 6)))
-        to_space(self.model.half_length, q, u, tilt, height, end.q, end.u)
+        to_space(self.model.half_length, (q, u, tilt), height, end.q, end.u)
         return end
 
     def single_steps(
@@ -253,7 +253,7 @@ class PlanarStepper:
         self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
     ) -> SingleSteps:
         """Return single steps that continue from planar coordinates, at the heights of a state."""
-        n, height = len(u), state.q[:, 2].copy()
+        height = state.q[:, 2].copy()
 
         def remembered(steps: Steps) -> History:
             history = copied(steps.history)
@@ -261,8 +261,7 @@ class PlanarStepper:
             return history
 
         end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
-        none = Record(0, 0, np.empty((0, n + 2)), np.empty((0, n, 3)), *self.no_samples[4:-1])
-        return SingleSteps(self, q, u, history, none, pushes, NO_PITCH, end)
+        return SingleSteps(self, (q, u), history, pushes, NO_PITCH, end)
 
     def prepare(self, state: State, *, single: bool) -> None:
         """Compile what is around the loop, and single steps if requested."""
@@ -273,13 +272,13 @@ class PlanarStepper:
         if single:
             self.going_on(state, history, NO_PUSHES, q, u, tilt).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
-        to_space(half, q, u, tilt, height, end.q[0], end.u[0])
-        samples_to_space(half, q[None], u[None], tilt, height, 1, end.q, end.u)
+        to_space(half, (q, u, tilt), height, end.q[0], end.u[0])
+        samples_to_space(half, (q[None], u[None], tilt), height, 1, end.q, end.u)
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""
         n = len(self.model.mass)
-        loads: Array = self.work.contacts['impulse'][: 2 * n, 0]
+        loads: Array = self.work.contacts['solution']['impulse'][: 2 * n, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
             end = 'front' if a < n else 'rear'
             return f'the {end} sphere of link {a % n + 1} would lift off'

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.dense_newton import whole_operator
 from snake_sim_ros.contact.admissible import without_gain
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import (
     condense,
     condensed_twists,
@@ -37,8 +38,8 @@ from snake_sim_ros.contact.laws import (
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.sweeps import project_normal, set_impulse
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.methods import METHODS, paper_method
 
@@ -47,42 +48,42 @@ NEWTON_ITERATIONS = 20  # of one try, at most
 
 
 @merged
-def sweep(
-    laws: Laws, closed: Array, width: int, contacts: Table, delassus: Delassus, impulse: Array
+def sweep_contacts(
+    laws: Laws, closed: Array, width: int, contacts: Contacts, delassus: Delassus, impulse: Array
 ) -> None:
     """Project the impulse of every closed contact once, with up-to-date velocities."""
-    G, gamma, rows = delassus.operator, delassus.packed, width * len(closed)
+    G, gamma = delassus.operator, delassus.packed
+    sweep = Sweep(G, gamma, width * len(closed), impulse)
     for k, a in enumerate(closed):
         row = width * k
-        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
+        P_N = project_normal(laws, sweep, row, contacts, a)
         radius = grip(laws.other, contacts, a) * P_N
-        project_sliding(laws, G, gamma, rows, row, impulse, a, radius)
+        project_sliding(laws, sweep, row, a, radius)
         if width == 5:
             r = 1.0 / largest_eigenvalue(G, row + 3)
             x, y = impulse[a, 3] - r * gamma[row + 3], impulse[a, 4] - r * gamma[row + 4]
             x, y = prox_disc(x, y, rolling_disc(laws, laws.other, a).mu_x * radius)
-            set_impulse(G, gamma, rows, row + 3, impulse, a, 3, x)
-            set_impulse(G, gamma, rows, row + 4, impulse, a, 4, y)
+            set_impulse(sweep, row + 3, a, 3, x)
+            set_impulse(sweep, row + 4, a, 4, y)
         else:
             impulse[a, 3] = impulse[a, 4] = 0.0
 
 
 @compiled
-def project_sliding(
-    laws: Laws, G: Array, gamma: Array, rows: int, row: int, impulse: Array, a: int, radius: float
-) -> None:
+def project_sliding(laws: Laws, sweep: Sweep, row: int, a: int, radius: float) -> None:
     """
     Project the sliding impulse of contact a.
 
     Parameters are those of `project_normal`; `radius` is the normal impulse of the contact times
     its grip [N s].
     """
-    r = 1.0 / largest_eigenvalue(G, row + 1)
+    gamma, impulse = sweep.gamma, sweep.impulse
+    r = 1.0 / largest_eigenvalue(sweep.G, row + 1)
     x, y = impulse[a, 1] - r * gamma[row + 1], impulse[a, 2] - r * gamma[row + 2]
     disc = sliding_disc(laws, laws.other, a, x)
     x, y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
-    set_impulse(G, gamma, rows, row + 1, impulse, a, 1, x)
-    set_impulse(G, gamma, rows, row + 2, impulse, a, 2, y)
+    set_impulse(sweep, row + 1, a, 1, x)
+    set_impulse(sweep, row + 2, a, 2, y)
 
 
 @compiled
@@ -93,23 +94,24 @@ def largest_eigenvalue(G: Array, k: int) -> float:
 
 
 @inlined
-def keep_impulses(closed: Array, contacts: Table, impulse: Array) -> None:
+def keep_impulses(closed: Array, contacts: Contacts, impulse: Array) -> None:
     """Fill the impulses of closed contacts, of shape (contacts, 5) [N s], with those used."""
     for a in closed:
         for j in range(5):
-            impulse[a, j] = contacts.impulse[a, j]
+            impulse[a, j] = contacts.solution.impulse[a, j]
 
 
 @compiled
-def begin_at_impulses(laws: Laws, closed: Array, contacts: Table) -> None:
+def begin_at_impulses(laws: Laws, closed: Array, contacts: Contacts) -> None:
     """Start Newton's method at the impulses and velocities of the contacts."""
+    solution, newton = contacts.solution, contacts.newton
     for a in closed:
         for j in range(5):
-            contacts.anchor[a, j] = contacts.iterate[a, j] = contacts.impulse[a, j]
-            contacts.trial[a, j] = contacts.gamma[a, j]
-        P_N = contacts.impulse[a, 0]
+            newton.anchor[a, j] = newton.iterate[a, j] = solution.impulse[a, j]
+            newton.trial[a, j] = solution.gamma[a, j]
+        P_N = solution.impulse[a, 0]
         if P_N > 0.0:
-            contacts.trial[a, 0] = -laws.compliance * (P_N - contacts.selection_center[a])
+            newton.trial[a, 0] = -laws.compliance * (P_N - solution.selection_center[a])
 
 
 class GaussSeidel(NamedTuple):
@@ -155,7 +157,7 @@ def solve_with_sweeps(
             if ends or iterations >= limit:
                 converged = ends and most == NEWTON_ITERATIONS
                 break
-        sweep(laws, closed, width, contacts, delassus, impulse)
+        sweep_contacts(laws, closed, width, contacts, delassus, impulse)
         iterations, sweeps = iterations + 1, sweeps + 1
     condensed_twists(closed, width, contacts, chain, delassus)
     outcome = Outcome(iterations, converged, residual, printed, False)

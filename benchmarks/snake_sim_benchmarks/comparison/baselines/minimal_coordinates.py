@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces, PenaltyLaw
 from snake_sim_ros.contact.delassus import fill_wrenches
-from snake_sim_ros.contact.detection import find_contacts, penetration
+from snake_sim_ros.contact.detection import find_contacts, Found, penetration, Pose
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
@@ -163,7 +163,7 @@ def balance(model: Model, work: Workspace, motion: LinkVelocities) -> None:
         rest[i, 2] = -rest[i, 2] - (wx * u[i, 1] - wy * u[i, 0])
         for k in range(3, 6):
             rest[i, k] = -rest[i, k]
-    smooth_momentum(model.robot, 1.0, rest, u, work.R, work.center, work.chain.momentum)
+    smooth_momentum(model.robot, 1.0, (rest, u), work.R, work.center, work.chain.momentum)
     link_inertia(model.robot, work.R, work.center, work.chain.bare)
 
 
@@ -224,14 +224,15 @@ def rate_of_change(
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    pose, found = (work.q_mid, work.R, work.center), (work.closed, work.contacts, chain.frame)
+    pose = Pose(work.q_mid, work.R, work.center)
+    found = Found(work.closed, work.contacts, chain.frame)
     closed = work.closed[: find_contacts(model.obstacles, 0.0, model.robot, pose, found)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     penalty_forces(law, model.laws, closed, contacts, model.robot.mass)
     y_dot[-1] = 0.0
     for a in closed:
         for k in range(3):
-            y_dot[-1] += contacts.impulse[a, k] * contacts.gamma[a, k]
+            y_dot[-1] += contacts.solution.impulse[a, k] * contacts.solution.gamma[a, k]
     carried = carried_acceleration(row_of(chain.twist, root))
     reset_chain(chain)
     factor_chain(chain)

@@ -12,11 +12,12 @@ that do not belong to the robot limits the step.
 import math
 from typing import NamedTuple
 
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import grip, Laws, link_of, natural_map, sliding_disc
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 BOUND = 1e9  # natural_map may return bounds up to this, since no iteration stops by them [m/s]
@@ -41,42 +42,43 @@ def share_over_speed(rational: bool, s: float) -> float:
 
 @compiled
 def penalty_forces(
-    law: PenaltyLaw, laws: Laws, closed: Array, contacts: Table, mass: Array
+    law: PenaltyLaw, laws: Laws, closed: Array, contacts: Contacts, mass: Array
 ) -> None:
     """
-    Fill contacts.impulse with contact forces [N], from gaps and velocities.
+    Fill contacts.solution.impulse with contact forces [N], from gaps and velocities.
 
     The laws are those of `integrators.Penalty`; m is the mass of the link in contact, of `mass`
     (n,) [kg]. As eps goes to 0, friction becomes the sliding law of the ellipse.
     """
+    geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        gap, half_mass = contacts.gap[a], 0.5 * mass[link_of(laws.other, contacts, len(mass), a)]
+        gap, half_mass = geometry.gap[a], 0.5 * mass[link_of(laws.other, contacts, len(mass), a)]
         damping = 2.0 * law.damping_ratio * math.sqrt(law.stiffness * half_mass)
         push = (
-            max(0.0, -law.stiffness * gap - damping * contacts.gamma[a, 0]) if gap < 0.0 else 0.0
+            max(0.0, -law.stiffness * gap - damping * solution.gamma[a, 0]) if gap < 0.0 else 0.0
         )
-        disc = sliding_disc(laws, laws.other, a, -contacts.gamma[a, 1])
+        disc = sliding_disc(laws, laws.other, a, -solution.gamma[a, 1])
         grips = push * grip(laws.other, contacts, a)
-        x, y = disc.mu_x * contacts.gamma[a, 1], disc.mu_y * contacts.gamma[a, 2]
+        x, y = disc.mu_x * solution.gamma[a, 1], disc.mu_y * solution.gamma[a, 2]
         scale = max(disc.mu_x, disc.mu_y) * law.sliding_velocity
         drag = 0.0
         if scale > 0.0:
             s = math.sqrt(x * x + y * y) / scale
             drag = grips * share_over_speed(law.rational, s) / scale
-        contacts.impulse[a, 0] = push
-        contacts.impulse[a, 1] = -drag * disc.mu_x * x
-        contacts.impulse[a, 2] = -drag * disc.mu_y * y
-        contacts.impulse[a, 3] = contacts.impulse[a, 4] = 0.0
+        solution.impulse[a, 0] = push
+        solution.impulse[a, 1] = -drag * disc.mu_x * x
+        solution.impulse[a, 2] = -drag * disc.mu_y * y
+        solution.impulse[a, 3] = solution.impulse[a, 4] = 0.0
 
 
 @merged
-def make_impulses(dt: float, closed: Array, contacts: Table, impulse: Array) -> None:
+def make_impulses(dt: float, closed: Array, contacts: Contacts, impulse: Array) -> None:
     """Multiply the forces of the table by dt [s], and copy them to `impulse`, (contacts, 5)."""
     impulse[:] = 0.0
     for a in closed:
         for j in range(3):
-            contacts.impulse[a, j] *= dt
-            impulse[a, j] = contacts.impulse[a, j]
+            contacts.solution.impulse[a, j] *= dt
+            impulse[a, j] = contacts.solution.impulse[a, j]
 
 
 class Springs(NamedTuple):

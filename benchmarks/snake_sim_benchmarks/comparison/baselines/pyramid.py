@@ -14,6 +14,7 @@ an angle toward the axis in which it is faster.
 from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import BOUND
+from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import (
     condense,
     condensed_twists,
@@ -23,8 +24,8 @@ from snake_sim_ros.contact.delassus import (
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, prox_half_line, sliding_disc
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.contact.sweeps import project_normal, set_impulse
-from snake_sim_ros.dynamics.compilation import inlined, merged, Table
+from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
+from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -36,33 +37,35 @@ def clipped(P: float, bound: float) -> float:
 
 @merged
 def sweep_pyramid(
-    laws: Laws, closed: Array, contacts: Table, delassus: Delassus, impulse: Array
+    laws: Laws, closed: Array, contacts: Contacts, delassus: Delassus, impulse: Array
 ) -> None:
     """Project all components of the closed contacts in turn, each with updated velocities."""
-    G, gamma, rows = delassus.operator, delassus.packed, 3 * len(closed)
+    G, gamma = delassus.operator, delassus.packed
+    sweep = Sweep(G, gamma, 3 * len(closed), impulse)
     for k, a in enumerate(closed):
         row = 3 * k
-        P_N = project_normal(laws, G, gamma, rows, row, contacts, impulse, a)
+        P_N = project_normal(laws, sweep, row, contacts, a)
         radius = grip(laws.other, contacts, a) * P_N
         x = impulse[a, 1] - gamma[row + 1] / G[row + 1, row + 1]
         disc = sliding_disc(laws, laws.other, a, x)
-        set_impulse(G, gamma, rows, row + 1, impulse, a, 1, clipped(x, disc.mu_x * radius))
+        set_impulse(sweep, row + 1, a, 1, clipped(x, disc.mu_x * radius))
         y = impulse[a, 2] - gamma[row + 2] / G[row + 2, row + 2]
-        set_impulse(G, gamma, rows, row + 2, impulse, a, 2, clipped(y, disc.mu_y * radius))
+        set_impulse(sweep, row + 2, a, 2, clipped(y, disc.mu_y * radius))
 
 
 @merged
-def pyramid_map(laws: Laws, closed: Array, contacts: Table) -> float:
+def pyramid_map(laws: Laws, closed: Array, contacts: Contacts) -> float:
     """Return ``max |P - prox(P - r gamma)|/r`` of the pyramid, with the selection rule [m/s]."""
+    solution = contacts.solution
     normal = sliding = 0.0
     for a in closed:
-        P_N, P_x, P_y = contacts.impulse[a, 0], contacts.impulse[a, 1], contacts.impulse[a, 2]
-        rule = laws.compliance * (P_N - contacts.selection_center[a])
+        P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
+        rule = laws.compliance * (P_N - solution.selection_center[a])
         normal = max(
-            normal, abs(P_N - prox_half_line(P_N - laws.r_N * (contacts.gamma[a, 0] + rule)))
+            normal, abs(P_N - prox_half_line(P_N - laws.r_N * (solution.gamma[a, 0] + rule)))
         )
         radius, r = grip(laws.other, contacts, a) * P_N, laws.r_T
-        x, y = P_x - r * contacts.gamma[a, 1], P_y - r * contacts.gamma[a, 2]
+        x, y = P_x - r * solution.gamma[a, 1], P_y - r * solution.gamma[a, 2]
         disc = sliding_disc(laws, laws.other, a, x)
         x, y = clipped(x, disc.mu_x * radius), clipped(y, disc.mu_y * radius)
         sliding = max(sliding, abs(P_x - x), abs(P_y - y))

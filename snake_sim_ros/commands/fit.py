@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
+import numpy as np
 from tqdm import tqdm
 
 from snake_sim_ros.commands.options import add_method, given_settings
@@ -102,8 +103,9 @@ def _fit(options: argparse.Namespace) -> int:
             bar.set_postfix_str(f'sum of squares {squares:.6g}', refresh=False)
             bar.update(count - bar.n)
 
+        unknowns = unknowns_of(replay.scene, options.free, replay.offsets)
         found = fit(
-            replay, unknowns_of(replay.scene, options.free), threads=options.threads,
+            replay, unknowns, threads=options.threads,
             globally=options.globally, seed=options.seed, progress=progress,
         )  # fmt: skip
     judgement = judge(found, options.seed)
@@ -141,8 +143,9 @@ def _plotter(options: argparse.Namespace) -> 'Callable[[Fit], None] | None':
 
 def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
     """Return the recording in segments, and the scene as it was before its steps were chosen."""
+    from snake_sim_ros.studies.fit import OFFSET, OFFSETS
     from snake_sim_ros.studies.recorded_motion import read_recording
-    from snake_sim_ros.studies.replay import Replay, ReplaySettings, with_fit_steps
+    from snake_sim_ros.studies.replay import Replay, ReplaySettings, with_fit_steps, with_offsets
 
     names = flat_fields(ReplaySettings())
     settings = ReplaySettings(**{name: getattr(options, name) for name in names})
@@ -154,25 +157,38 @@ def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
     )  # fmt: skip
     scene = with_settings(recording.scene, given)
     law = options.law or ('interpolated' if recording.is_run else 'held')
-    return Replay(recording, with_fit_steps(scene, given), settings, law), scene
+    replay = Replay(recording, with_fit_steps(scene, given), settings, law)
+    free = {name for item in options.free for name in item.split('=')}
+    streams = {name.removeprefix(OFFSET) for name in free & {*OFFSETS}}
+    return with_offsets(replay, streams) if streams else replay, scene
 
 
 def _check(options: argparse.Namespace, found: 'Fit') -> dict[str, Any]:
     """Fit synthetic recordings of a scene that was found; return how well that went."""
     from snake_sim_ros.studies.fit import fit
     from snake_sim_ros.studies.judgement import coverage, judge
-    from snake_sim_ros.studies.replay import Replay, with_noise, without_noise
+    from snake_sim_ros.studies.replay import (
+        Offsets,
+        on_one_clock,
+        Replay,
+        with_noise,
+        without_noise,
+    )
 
     replay, settings = found.replay, found.replay.settings
     repeats: list[tuple[Fit, Judgement]] = []
     finer = with_settings(found.scene, {'dt': found.scene.dt / FINER})
     start = replay.start(found.scene)
-    exact = without_noise(replay.recording, finer, start, replay.law, settings.horizon)
+    here, there = np.subtract(found.offsets, replay.offsets), np.negative(replay.offsets)
+    law = replay.law, settings.horizon
+    exact = without_noise(replay.recording, finer, start, *law, Offsets(*here))
+    exact = on_one_clock(exact, Offsets(*there))
     for number in tqdm(range(options.check), unit=' recordings'):
         noisy = with_noise(
             exact, settings.noise_position, settings.noise_angle, options.seed + number
         )
-        again = Replay(noisy, replay.scene, settings, replay.law)
+        offsets = replay.offsets if replay.margin else None
+        again = Replay(noisy, replay.scene, settings, replay.law, offsets)
         refitted = fit(again, found.unknowns, threads=options.threads)
         repeats.append((refitted, judge(refitted, options.seed + number)))
     result = coverage(found.values, repeats)

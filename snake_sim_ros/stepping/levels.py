@@ -50,23 +50,14 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
     if method.planar is None:
         return f'method {name} has no planar level'
-    gx, gy, gz = scene.gravity
-    if gx != 0.0 or gy != 0.0 or gz >= 0.0:
-        return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
+    if reason := what_is_not_flat(scene):
+        return reason
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
-    if scene.ground.heights:
-        return 'ground.heights is given, and the plane is flat'
     if scene.self_contact:
         return 'self_contact is true, and in the plane links do not touch'
     if scene.pegs.x and not method.planar_pegs:
         return f'method {name} meets pegs at the spatial level only'
-    radius = np.array(scene.robot.contact_radius)
-    if radius.min() < radius.max():
-        return (
-            f'robot.contact_radius differs from link to link, {radius.min():g} to '
-            f'{radius.max():g} m, so that the robot does not lie flat'
-        )
     if scene.solver.normal_compliance == 0.0:
         return 'solver.normal_compliance is 0, and loads in the plane follow the selection rule'
     if scene.robot.per_joint('friction').any():
@@ -75,6 +66,22 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
         return 'the robot has a control loop of its own, and in the plane pitch joints are rigid'
     if scene.drift_correction == 'none':
         return 'drift_correction is none, and in the plane joints do not drift'
+    return ''
+
+
+def what_is_not_flat(scene: Scene) -> str:
+    """Return why a straight robot does not lie flat in a scene, as a clause; empty if it does."""
+    gx, gy, gz = scene.gravity
+    if gx != 0.0 or gy != 0.0 or gz >= 0.0:
+        return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
+    if scene.ground.heights:
+        return 'ground.heights is given, and the plane is flat'
+    radius = np.array(scene.robot.contact_radius)
+    if radius.min() < radius.max():
+        return (
+            f'robot.contact_radius differs from link to link, {radius.min():g} to '
+            f'{radius.max():g} m, so that the robot does not lie flat'
+        )
     return ''
 
 

@@ -216,9 +216,9 @@ def _draw_over_time(found: 'Fit', places: Axes, joints: Axes) -> None:
     settings, recording = found.replay.settings, found.replay.recording
     for segment, item in zip(found.replay.segments, found.residuals, strict=True):
         off = settings.noise_position * np.sqrt((item.poses[..., :3] ** 2).mean(axis=(1, 2)))
-        places.plot(segment.times[segment.poses], 1e3 * off, '.', ms=2, color=GOOD)
+        places.plot(segment.pose_time, 1e3 * off, '.', ms=2, color=GOOD)
         off = settings.noise_angle * np.sqrt(np.nanmean(item.joints**2, axis=(1, 2)))
-        joints.plot(segment.times[segment.joints], np.degrees(off), '.', ms=2, color=GOOD)
+        joints.plot(segment.joint_time, np.degrees(off), '.', ms=2, color=GOOD)
     for axes, noise, unit in (
         (places, 1e3 * settings.noise_position, 'mm'),
         (joints, np.degrees(settings.noise_angle), 'deg'),
@@ -253,7 +253,7 @@ def _draw_distribution(found: 'Fit', axes: Axes) -> None:
 
 def _draw_segments(found: 'Fit', axes: Axes) -> None:
     """Draw what each segment alone would change of each value, the others held."""
-    middle = [(item.begin + item.end) / 2 for item in found.replay.segments]
+    middle = [item.joint_time.mean() for item in found.replay.segments]
     flat = [item.flat() for item in found.residuals]
     for k, unknown in enumerate(found.unknowns):
         columns = [J[:, k] for J in found.jacobians]

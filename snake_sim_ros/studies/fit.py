@@ -16,7 +16,16 @@ from scipy.optimize import least_squares
 
 from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
-from snake_sim_ros.studies.replay import ALIGNED, LOST, Replay, Residual, Segment
+from snake_sim_ros.studies.replay import (
+    ALIGNED,
+    FARTHEST_OFFSET,
+    LOST,
+    NO_OFFSETS,
+    Offsets,
+    Replay,
+    Residual,
+    Segment,
+)
 from snake_sim_ros.studies.searches import Search
 from snake_sim_ros.studies.workers import closing_pool, core_count
 
@@ -25,10 +34,12 @@ FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
 FARTHEST = math.log(1e3)  # a positive value changes at most by this factor
 STEP = 0.02  # of differences: a share of a positive value
 LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
+OFFSET = 'time_offset.'  # prefix of what belongs to the stamps of a recording, not to a scene
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
 MOST_EVALUATIONS = 60  # of the residuals, besides differences
 NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
 SPREAD_END = 0.01  # share of the box at which a global stage ends
+OFFSETS = tuple(OFFSET + name for name in Offsets._fields)
 
 
 @dataclass(frozen=True)
@@ -87,7 +98,9 @@ class Unknown:
         return min(max(found, self.low), self.high)
 
 
-def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
+def unknowns_of(
+    scene: Scene, free: Sequence[str], offsets: Offsets = NO_OFFSETS
+) -> tuple[Unknown, ...]:
     """
     Return the unknowns of a fit.
 
@@ -96,7 +109,10 @@ def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
     scene : Scene
         With the values to start from.
     free : sequence of str
-        Dotted names; names with ``=`` between them have one value.
+        Dotted names; names with ``=`` between them have one value. Those of OFFSETS are not of the
+        scene, but of `replay.Offsets`.
+    offsets : Offsets, optional
+        Where those start.
 
     Raises
     ------
@@ -111,7 +127,11 @@ def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
             if name in seen:
                 raise ParameterError(f'--free {name} is given twice')
             seen.add(name)
-            _check(name, scene)
+            if name not in OFFSETS:
+                _check(name, scene)
+        if any(name in OFFSETS for name in names):
+            found.append(_offset(names, offsets))
+            continue
         start, limits = known[names[0]]
         above = limits['above'] + 1e-12 if limits['above'] >= 0.0 else -math.inf
         low = max(limits['minimum'], above)
@@ -122,6 +142,15 @@ def unknowns_of(scene: Scene, free: Sequence[str]) -> tuple[Unknown, ...]:
     if not found:
         raise ParameterError('--free must name at least one value, such as friction.transversal')
     return tuple(found)
+
+
+def _offset(names: tuple[str, ...], offsets: Offsets) -> Unknown:
+    """Return the unknown of one offset, or of one for both streams."""
+    if others := [name for name in names if name not in OFFSETS]:
+        raise ParameterError(f'--free {"=".join(names)}: {others[0]} is no offset of a clock')
+    start = getattr(offsets, names[0].removeprefix(OFFSET))
+    low, high = start - FARTHEST_OFFSET, start + FARTHEST_OFFSET
+    return Unknown(names, start, low, high, 's', is_positive=False)
 
 
 def _check(name: str, scene: Scene) -> None:
@@ -147,7 +176,7 @@ def _check(name: str, scene: Scene) -> None:
         raise ParameterError(f'--free {name}: a fit finds numbers, this is {quoted(value)}')
     raise ParameterError(
         f'--free {name}: a fit finds only numbers of the robot and of friction; '
-        f'choose from: {", ".join(usable)}'
+        f'choose from: {", ".join([*usable, *OFFSETS])}'
     )
 
 
@@ -157,8 +186,20 @@ def scene_at(scene: Scene, unknowns: Sequence[Unknown], x: Array) -> Scene:
         name: unknown.value(float(place))
         for unknown, place in zip(unknowns, x, strict=True)
         for name in unknown.names
+        if name not in OFFSETS
     }
     return with_settings(scene, settings)
+
+
+def offsets_at(offsets: Offsets, unknowns: Sequence[Unknown], x: Array) -> Offsets:
+    """Return the offsets with the values of coordinates; those that are not unknown stay."""
+    values = {
+        name.removeprefix(OFFSET): unknown.value(float(place))
+        for unknown, place in zip(unknowns, x, strict=True)
+        for name in unknown.names
+        if name in OFFSETS
+    }
+    return offsets._replace(**values)
 
 
 @dataclass(frozen=True)
@@ -203,6 +244,11 @@ class Fit:
         return scene_at(self.replay.scene, self.unknowns, self.x)
 
     @property
+    def offsets(self) -> Offsets:
+        """The offsets found, or those of the replay."""
+        return offsets_at(self.replay.offsets, self.unknowns, self.x)
+
+    @property
     def freedom(self) -> int:
         """Number of measured numbers that are not used up by values and alignments."""
         count = sum(len(item.flat()) for item in self.residuals)
@@ -236,7 +282,8 @@ class _Evaluations:
     def _residuals(self, x: Array, part: tuple[Segment, ...]) -> list[Residual]:
         try:
             scene = scene_at(self.replay.scene, self.unknowns, x)
-            return self.replay.residuals(scene, part)
+            offsets = offsets_at(self.replay.offsets, self.unknowns, x)
+            return self.replay.residuals(scene, part, offsets)
         except ParameterError as error:
             values = [u.value(float(place)) for u, place in zip(self.unknowns, x, strict=True)]
             raise ParameterError(f'values {values} cannot be simulated: {error}') from None

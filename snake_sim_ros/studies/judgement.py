@@ -27,7 +27,7 @@ import numpy as np
 from scipy import stats
 
 from snake_sim_ros.scene.files import write_whole
-from snake_sim_ros.scene.parameters import Array, Scene, scene_to_text
+from snake_sim_ros.scene.parameters import Array, Scene, scene_to_text, with_settings
 from snake_sim_ros.studies.fit import Fit, LEAST_SIZE, scene_at
 
 CONFIDENCE = 0.95
@@ -281,7 +281,9 @@ def write_scene(found: Fit, scene: Scene, source: Path, path: Path) -> None:
     """
     pairs = zip(found.unknowns, found.values, strict=True)
     numbers = ', '.join(f'{unknown.name} {value:.6g}' for unknown, value in pairs)
-    text = scene_to_text(scene_at(scene, found.unknowns, found.x))
+    scene = scene_at(scene, found.unknowns, found.x)
+    delay = round(scene.robot.command_delay / scene.dt) * scene.dt  # as steps can have it
+    text = scene_to_text(with_settings(scene, {'robot.command_delay': delay}))
     write_whole(path, f'# Found by snake-sim fit in {source.name}: {numbers}\n{text}')
 
 

@@ -9,6 +9,10 @@ sliding, with a time constant of 0.3 s in lateral undulation. Residuals therefor
 burn-in. Place and heading are not forgotten, but on a floor they do not matter: the path of every
 segment is moved and turned about the vertical to where it fits best.
 
+A delay of commands need not be a multiple of the step: references are taken that much earlier.
+Stamps of poses and of angles may be on clocks of their own, which are ahead of that of the
+commands by `Offsets`.
+
 Synthetic recordings are simulated here, too: what another recording would have measured of a
 scene.
 """
@@ -29,8 +33,8 @@ from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.bdf2 import step as bdf2
-from snake_sim_ros.stepping.levels import is_vertical
-from snake_sim_ros.stepping.methods import make_stepper, share_compiled, what_is_not_planar
+from snake_sim_ros.stepping.levels import is_vertical, what_is_not_flat
+from snake_sim_ros.stepping.methods import make_stepper, share_compiled
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
@@ -43,7 +47,10 @@ LEAST_AROUND = 2  # samples on each side of a start: a parabola at its end says 
 LEAST_SAMPLES = 5  # of poses and of angles in a segment
 ROUNDING = 1e-6  # s
 MOMENT = 1e-3  # s before and after the time between which velocities are differences
+MOST_KNOWN = 8  # references that are kept, of different delays
 TURNS = 4  # iterations for the heading that fits best
+FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where the search starts
+OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
 LOST = 1e3  # residual of a segment whose simulation diverges, in units of the noise
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -190,18 +197,24 @@ class ReplaySettings(CheckedRecord):
     )
 
 
+class Offsets(NamedTuple):
+    """How much the clocks of stamps are ahead of the clock of the commands [s]."""
+
+    joints: float = 0.0
+    poses: float = 0.0
+
+
+NO_OFFSETS = Offsets()
+
+
 class Segment(NamedTuple):
-    """A segment: where its simulation starts, its references, and its samples."""
+    """A segment: where its simulation starts, its steps, and its samples."""
 
     start: float  # of the simulation [s]
-    begin: float  # of the residuals [s]
-    end: float  # [s]
     measured: Measured  # at the start
-    angle: Array  # references (steps, n-1, 2) [rad]
-    rate: Array  # [rad/s]
-    times: Array  # of all samples, each once [s]
-    poses: Array  # rows of the samples of poses in `times`
-    joints: Array
+    steps: slice  # of the references of the replay
+    pose_time: Array  # (k,) [s]
+    joint_time: Array  # (m,) [s]
     position: Array  # (k, l, 3) [m]
     orientation: Array  # (k, l, 4)
     joint_angle: Array  # (m, n-1, 2) [rad]
@@ -235,6 +248,9 @@ class Replay:
     settings : ReplaySettings
     law : str
         One of `recorded_motion.LAWS`.
+    offsets : Offsets or None, optional
+        Where a search for them starts, see `with_offsets`. Segments then end early enough for
+        offsets that are FARTHEST_OFFSET away. Default: stamps are those of one clock.
 
     Raises
     ------
@@ -244,8 +260,16 @@ class Replay:
     """
 
     def __init__(
-        self, recording: Recording, scene: Scene, settings: ReplaySettings, law: str
+        self,
+        recording: Recording,
+        scene: Scene,
+        settings: ReplaySettings,
+        law: str,
+        offsets: Offsets | None = None,
     ) -> None:
+        self.offsets = offsets or NO_OFFSETS
+        self.margin = 0.0 if offsets is None else FARTHEST_OFFSET
+        self.given, recording = recording, on_one_clock(recording, self.offsets)
         self.recording, self.scene, self.settings, self.law = recording, scene, settings, law
         self.every = max(1, round(PERIOD / scene.dt))
         self.period = self.every * scene.dt
@@ -258,10 +282,11 @@ class Replay:
                 f'the recording must have at least {wanted:g} s with commands, angles and poses, '
                 f'a burn-in and two segments; it has {there:.3g} s'
             )
-        middles = first + (np.arange(steps) + 0.5) * scene.dt
-        angle, rate = references(recording, scene.robot, middles, law, settings.horizon)
-        self.is_flat = not what_is_not_planar(scene) and not is_vertical(angle, rate).any()
-        self.segments = self._cut(first, steps, angle, rate)
+        self.middles = first + (np.arange(steps) + 0.5) * scene.dt
+        self._references: dict[float, tuple[Array, Array]] = {}
+        commanded = self.references(scene)
+        self.is_flat = not what_is_not_flat(scene) and not is_vertical(*commanded).any()
+        self.segments = self._cut(first, steps, np.stack(commanded))
         if len(self.segments) < 2:
             raise ParameterError(
                 f'the recording has {len(self.segments)} segments of {settings.segment:g} s with '
@@ -270,7 +295,18 @@ class Replay:
         self._known: Stepper | None = None
         self._known_scene = scene
 
-    def _cut(self, first: float, steps: int, angle: Array, rate: Array) -> tuple[Segment, ...]:
+    def references(self, scene: Scene) -> tuple[Array, Array]:
+        """Return the references of all steps with the delay of a scene, (steps, n-1, 2) each."""
+        delay = scene.robot.command_delay
+        known = self._references.get(delay)
+        if known is None:
+            known = references(
+                self.recording, scene.robot, self.middles - delay, self.law, self.settings.horizon
+            )
+            self._references = {delay: known, **dict(list(self._references.items())[:MOST_KNOWN])}
+        return known
+
+    def _cut(self, first: float, steps: int, commanded: Array) -> tuple[Segment, ...]:
         """Return the segments that have enough samples."""
         settings, dt = self.settings, self.scene.dt
         length = max(1, round(settings.segment / self.period)) * self.every
@@ -279,26 +315,25 @@ class Replay:
         for begin in range(burn, steps - length // 2, length):
             part = slice(begin - burn, min(begin + length, steps // self.every * self.every))
             times = first + dt * np.array([part.start, begin, part.stop])
-            item = self._segment(times.tolist(), angle[part], rate[part])
+            item = self._segment(times.tolist(), part, commanded[:, part.start])
             if item:
                 found.append(item)
         return tuple(found)
 
-    def _segment(self, times: list[float], angle: Array, rate: Array) -> Segment | None:
+    def _segment(self, times: list[float], steps: slice, commanded: Array) -> Segment | None:
         """Return a segment; None if it has too few samples."""
         recording, (start, begin, end) = self.recording, times
+        begin, end = max(begin, start + self.margin), end - self.margin
         joints, poses = (
             slice(*np.searchsorted(of, [begin - 1e-9, end - 1e-9]))
             for of in (recording.joint_time, recording.pose_time)
         )
-        measured = measured_at(recording, start, np.stack([angle[0], rate[0]]))
+        measured = measured_at(recording, start, commanded)
         both = recording.pose_time[poses], recording.joint_time[joints]
         if not measured or min(map(len, both)) < LEAST_SAMPLES:
             return None
-        every, place = np.unique(np.concatenate(both), return_inverse=True)
         return Segment(
-            start, begin, end, measured, angle, rate,
-            every, place[: len(both[0])], place[len(both[0]) :],
+            start, measured, steps, *both,
             recording.position[poses], recording.orientation[poses], recording.joint_angle[joints],
         )  # fmt: skip
 
@@ -307,47 +342,107 @@ class Replay:
         self.residuals(self.scene, self.segments[:1])
 
     def residuals(
-        self, scene: Scene, segments: tuple[Segment, ...] | None = None
+        self,
+        scene: Scene,
+        segments: tuple[Segment, ...] | None = None,
+        offsets: Offsets | None = None,
     ) -> list[Residual]:
-        """Return the residuals of segments, all of them by default."""
+        """Return the residuals of segments, all of them by default, with offsets of their own."""
+        commanded, scene = self.references(scene), without_delay(scene)
         stepper = make_stepper(scene)
         if self._known:
             share_compiled(self._known, self._known_scene, stepper, scene)
         found = [
-            self._residual(scene, stepper, item)
+            self._residual(scene, stepper, item, commanded, offsets or self.offsets)
             for item in (self.segments if segments is None else segments)
         ]
         self._known = self._known or stepper
         return found
 
-    def _residual(self, scene: Scene, stepper: Stepper, segment: Segment) -> Residual:
+    def _residual(
+        self,
+        scene: Scene,
+        stepper: Stepper,
+        segment: Segment,
+        commanded: tuple[Array, Array],
+        offsets: Offsets,
+    ) -> Residual:
         settings = self.settings
-        q = self.simulated(scene, stepper, segment)
+        later = segment.joint_time - (offsets.joints - self.offsets.joints)
+        times = segment.pose_time - (offsets.poses - self.offsets.poses), later
+        q = self.simulated(scene, stepper, segment, commanded, times)
         if q is None:
             size = segment.position.shape[:2]
             lost = np.where(np.isnan(segment.joint_angle), np.nan, LOST)
             return Residual(np.full((*size, 6), LOST), lost)
-        links = q[segment.poses][:, self.recording.links]
+        links = q[0][:, self.recording.links]
         poses = aligned(segment, links, settings.noise_position, settings.noise_angle)
-        angle = joint_angles(q[segment.joints])
+        angle = joint_angles(q[1])
         return Residual(poses, (segment.joint_angle - angle) / settings.noise_angle)
 
-    def simulated(self, scene: Scene, stepper: Stepper, segment: Segment) -> Array | None:
-        """Return the coordinates (m, n, 7) at the times of a segment; None if it diverges."""
+    def simulated(
+        self,
+        scene: Scene,
+        stepper: Stepper,
+        segment: Segment,
+        commanded: tuple[Array, Array],
+        times: tuple[Array, Array],
+    ) -> tuple[Array, Array] | None:
+        """Return the coordinates (k, n, 7) at times of two kinds; None if the robot diverges."""
         state = start_state(scene, segment.measured, is_flat=self.is_flat)
-        samples = make_samples(scene, self.every, len(segment.angle) // self.every)
-        report = stepper.advance(
-            state, stepper.empty_history(), segment.angle, segment.rate, samples
-        )[2]
+        angle, rate = (array[segment.steps] for array in commanded)
+        samples = make_samples(scene, self.every, len(angle) // self.every)
+        report = stepper.advance(state, stepper.empty_history(), angle, rate, samples)[2]
         if report.failure:
             return None
         q = np.concatenate([state.q[None], samples.q])
         u = np.concatenate([state.u[None], samples.u])
-        return between(q, u, self.period, segment.times - segment.start)
+        # Each time once: samples of both kinds often have the same ones.
+        every, place = np.unique(np.concatenate(times), return_inverse=True)
+        found = between(q, u, self.period, every - segment.start)
+        return found[place[: len(times[0])]], found[place[len(times[0]) :]]
 
     def start(self, scene: Scene) -> State:
         """Return the state at the start of the first segment."""
         return start_state(scene, self.segments[0].measured, is_flat=self.is_flat)
+
+
+def with_offsets(replay: Replay, streams: Container[str]) -> Replay:
+    """
+    Return a replay that starts a search for offsets of some streams, `joints` and `poses`.
+
+    It starts at those that fit best with the values of the scene, of some up to FARTHEST_OFFSET.
+    """
+    recording, scene, rest = replay.given, replay.scene, (replay.settings, replay.law)
+    replay = Replay(recording, scene, *rest, NO_OFFSETS)
+    count = round(FARTHEST_OFFSET / OFFSET_STEP)
+    tried = OFFSET_STEP * np.arange(-count, count + 1)
+    costs = np.zeros((len(tried), 2))
+    for cost, offset in zip(costs, tried, strict=True):
+        for item in replay.residuals(scene, offsets=Offsets(offset, offset)):
+            cost += np.nansum(item.joints**2), np.nansum(item.poses**2)
+    best = tried[costs.argmin(axis=0)]
+    found = (
+        float(offset) if name in streams else 0.0
+        for name, offset in zip(Offsets._fields, best, strict=True)
+    )
+    return Replay(recording, scene, *rest, Offsets(*found))
+
+
+def on_one_clock(recording: Recording, offsets: Offsets) -> Recording:
+    """Return a recording with its stamps on the clock of the commands."""
+    return replace(
+        recording,
+        joint_time=recording.joint_time - offsets.joints,
+        pose_time=recording.pose_time - offsets.poses,
+    )
+
+
+def without_delay(scene: Scene) -> Scene:
+    """Return a scene whose references take effect at once."""
+    if scene.robot.command_delay == 0.0:
+        return scene
+    return with_settings(scene, {'robot.command_delay': 0.0})
 
 
 def between(q: Array, u: Array, period: float, times: Array) -> Array:
@@ -442,7 +537,12 @@ def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
 
 
 def without_noise(
-    recording: Recording, scene: Scene, state: State, law: str, horizon: float
+    recording: Recording,
+    scene: Scene,
+    state: State,
+    law: str,
+    horizon: float,
+    offsets: Offsets = NO_OFFSETS,
 ) -> Recording:
     """
     Return the recording of a scene that follows the commands of a recording.
@@ -456,6 +556,8 @@ def without_noise(
         At the begin of the recording.
     law, horizon
         As of `recorded_motion.references`.
+    offsets : Offsets, optional
+        Of the stamps.
 
     Raises
     ------
@@ -463,13 +565,14 @@ def without_noise(
         If the simulation diverges.
 
     """
+    recording = on_one_clock(recording, offsets)
     begin, dt = recording.begin, scene.dt
     every = max(1, round(PERIOD / dt))
     rows = int(np.ceil((recording.end - begin) / (every * dt) - 1e-6))
     steps = every * rows
-    middles = begin + (np.arange(steps) + 0.5) * dt
+    middles = begin + (np.arange(steps) + 0.5) * dt - scene.robot.command_delay
     angle, rate = references(recording, scene.robot, middles, law, horizon)
-    simulation, samples = Simulation(scene), make_samples(scene, every, rows)
+    simulation, samples = Simulation(without_delay(scene)), make_samples(scene, every, rows)
     simulation.state = state
     report = simulation.advance(angle, rate, samples)
     if report.failure:
@@ -486,9 +589,9 @@ def without_noise(
     links = between(q, u, every * dt, poses - begin)[:, recording.links]
     return replace(
         recording,
-        joint_time=joints,
+        joint_time=joints + offsets.joints,
         joint_angle=np.where(missing, np.nan, angle),
-        pose_time=poses,
+        pose_time=poses + offsets.poses,
         position=links[..., :3],
         orientation=links[..., 3:],
     )

@@ -22,9 +22,10 @@ from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import simulate
-from snake_sim_ros.studies.fit import Fit, fit, scene_at, Unknown, unknowns_of
-from snake_sim_ros.studies.judgement import judge, what_is_not_determined
+from snake_sim_ros.studies.fit import Fit, fit, OFFSETS, scene_at, Unknown, unknowns_of
+from snake_sim_ros.studies.judgement import judge, what_is_not_determined, write_scene
 from snake_sim_ros.studies.recorded_motion import read_recording
 from snake_sim_ros.studies.replay import (
     ALIGNED,
@@ -37,6 +38,7 @@ from snake_sim_ros.studies.replay import (
     start_state,
     with_fit_steps,
     with_noise,
+    with_offsets,
 )
 
 PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'fit.md').read_text(encoding='utf-8')
@@ -143,6 +145,52 @@ def test_it_finds_how_friction_falls_with_speed(tmp_path):
     exact = fit(replay, unknowns_of(replay.scene, ['friction.kinetic_ratio']))
     assert exact.values == pytest.approx([0.6], rel=1e-2)
     assert judge(exact).failures == ()
+
+
+@pytest.mark.parametrize('start', [0.0, 0.01])
+def test_a_delay_of_commands_need_not_be_a_multiple_of_the_step(tmp_path, start):
+    scene = with_settings(load_scene('lateral_undulation'), {'robot.command_delay': 0.03})
+    recording = recording_of(with_settings(scene, {'dt': 0.01}), tmp_path)
+    replay = replay_of(recording, **{'robot.command_delay': start})
+    exact = fit(replay, unknowns_of(replay.scene, [*BOTH, 'robot.command_delay']))
+    assert exact.values == pytest.approx([0.1, 0.5, 0.03], rel=1e-3)
+    write_scene(exact, scene, Path('bag'), tmp_path / 'found.yaml')
+    found = load_scene(str(tmp_path / 'found.yaml')).robot.command_delay
+    assert found == pytest.approx(0.03, abs=1e-9)
+
+
+def test_clocks_that_are_ahead_are_found(recording):
+    ahead = replace(
+        recording, joint_time=recording.joint_time - 0.021, pose_time=recording.pose_time + 0.153
+    )
+    # Friction is off by more than half where the clocks are taken for one, and the fit says so.
+    wrong = fit(replay_of(ahead), unknowns_of(recording.scene, BOTH))
+    assert abs(wrong.values[0] / 0.1 - 1.0) > 0.5 and judge(wrong).failures
+    replay = with_offsets(replay_of(ahead), {'joints', 'poses'})
+    found = fit(replay, unknowns_of(replay.scene, [*BOTH, *OFFSETS], replay.offsets))
+    assert found.values == pytest.approx([0.1, 0.5, -0.021, 0.153], rel=1e-3)
+    assert found.offsets == pytest.approx((-0.021, 0.153), rel=1e-3)
+    assert judge(found).failures == ()
+
+
+def test_one_offset_may_be_that_of_both_streams(recording):
+    later = replace(
+        recording, joint_time=recording.joint_time + 0.04, pose_time=recording.pose_time + 0.04
+    )
+    replay = with_offsets(replay_of(later), {'joints', 'poses'})
+    found = fit(replay, unknowns_of(replay.scene, ['='.join(OFFSETS)], replay.offsets))
+    assert found.values == pytest.approx([0.04], rel=1e-3)
+    with pytest.raises(ParameterError, match='is no offset of a clock'):
+        unknowns_of(replay.scene, [f'{OFFSETS[0]}=friction.rolling'])
+
+
+def test_a_robot_with_friction_in_its_joints_starts_flat(tmp_path):
+    scene = with_settings(load_scene('lateral_undulation'), {'robot.joint_friction': 0.2})
+    recording = recording_of(scene, tmp_path)
+    replay = replay_of(recording, **{'robot.joint_friction': 0.1})
+    assert replay.is_flat and what_is_not_planar(replay.scene)  # it lies flat, and is in space
+    exact = fit(replay, unknowns_of(replay.scene, ['robot.joint_friction']))
+    assert exact.values == pytest.approx([0.2], rel=1e-3)
 
 
 def test_threads_and_repetitions_give_the_same_bits(recording):

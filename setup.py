@@ -3,6 +3,7 @@
 """Package metadata, read by pip and by colcon alike."""
 
 from glob import glob
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -47,11 +48,23 @@ studies = ['polars>=1,<3', 'distributed>=2023.5', 'cma>=4,<5']
 # The site: Sphinx, which rosdoc2 runs as well, with its theme and pages in Markdown.
 docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 
+oldest_numba = (0, 60)  # older ones compile each scene for minutes
+
+
+def has_numba():
+    """Return whether there is a numba that compiles in time."""
+    try:
+        return tuple(map(int, version('numba').split('.')[:2])) >= oldest_numba
+    except PackageNotFoundError:
+        return False
+
+
 # With 0 the package brings no machine code, and compiles what a start needs on the user's machine.
 brings_machine_code = (
     os.environ.get('SNAKE_SIM_MACHINE_CODE', '1') != '0'
     and platform.machine() == 'x86_64'
-    and all(find_spec(name) for name in ('numba', 'scipy', 'tqdm', 'yaml'))
+    and has_numba()
+    and all(find_spec(name) for name in ('scipy', 'tqdm', 'yaml'))
 )
 
 
@@ -117,7 +130,7 @@ setup(
         'setuptools',
         'numpy>=1.23,<3',
         'scipy>=1.9,<2',
-        'numba>=0.56,<1',
+        'numba>=0.60,<0.69',
         'PyYAML>=5.4,<7',
         'tqdm>=4.60,<5',
     ],

@@ -44,6 +44,7 @@ from snake_sim_ros.scene import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
+OLDEST_NUMBA = 0, 60
 COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 SHIPPED = PACKAGE / 'machine_code'  # folders of machine code that came with the package
@@ -179,7 +180,16 @@ def shipped_folder() -> Path | None:
 
 
 def why_compile() -> str:
-    """Return why machine code that came with the package is of no use; empty if none came."""
+    """
+    Return why something is compiled that need not be, or takes minutes; empty if nothing is.
+
+    It is an old compiler, or machine code that came with the package and is of no use.
+    """
+    if numba.version_info.short < OLDEST_NUMBA:
+        return (
+            f'numba {numba.__version__} compiles each scene for minutes: install numba '
+            f'{".".join(map(str, OLDEST_NUMBA))} or newer'
+        )
     made_for = sorted(SHIPPED.glob(f'*/{MADE_FOR}'))
     if not made_for or shipped_folder():
         return ''

@@ -8,6 +8,7 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -92,6 +93,18 @@ def test_code_that_came_for_something_else_is_named(tmp_path, monkeypatch):
     (tmp_path / code_cache.identity()).mkdir()
     if code_cache.is_portable():
         assert code_cache.why_compile() == ''
+
+
+def test_an_old_compiler_is_named(monkeypatch):
+    monkeypatch.setattr(code_cache.numba, '__version__', '0.58.1')
+    monkeypatch.setattr(code_cache.numba, 'version_info', SimpleNamespace(short=(0, 58)))
+    assert code_cache.why_compile() == (
+        'numba 0.58.1 compiles each scene for minutes: install numba 0.60 or newer'
+    )
+    oldest = '.'.join(map(str, code_cache.OLDEST_NUMBA))
+    for name in ('setup.py', 'pyproject.toml'):
+        text = (Path(__file__).parents[2] / name).read_text(encoding='utf-8')
+        assert f"'numba>={oldest}," in text
 
 
 def test_code_for_types_of_an_absent_package_is_in_nobodys_way(tmp_path):

@@ -9,7 +9,6 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
-import numpy as np
 from tqdm import tqdm
 
 from snake_sim_ros.commands.options import add_method, given_settings
@@ -92,7 +91,13 @@ def _add_recording(command: argparse.ArgumentParser) -> None:
 def _fit(options: argparse.Namespace) -> int:
     """Run a fit; the last line on standard output is JSON."""
     from snake_sim_ros.studies.fit import fit, unknowns_of
-    from snake_sim_ros.studies.judgement import judge, lines, summary, write_scene
+    from snake_sim_ros.studies.judgement import (
+        judge,
+        lines,
+        summary,
+        what_is_suggested,
+        write_scene,
+    )
 
     begin = time.monotonic()
     plot = _plotter(options)
@@ -103,14 +108,17 @@ def _fit(options: argparse.Namespace) -> int:
             bar.set_postfix_str(f'sum of squares {squares:.6g}', refresh=False)
             bar.update(count - bar.n)
 
-        unknowns = unknowns_of(replay.scene, options.free, replay.offsets)
+        unknowns = unknowns_of(replay.scene, options.free, replay.setup)
         found = fit(
             replay, unknowns, threads=options.threads,
             globally=options.globally, seed=options.seed, progress=progress,
         )  # fmt: skip
     judgement = judge(found, options.seed)
-    result = {**summary(found, judgement), 'seconds': time.monotonic() - begin}
-    print('\n'.join(lines(found, judgement)))
+    suggested = what_is_suggested(found) if judgement.failures else ()
+    result = {
+        **summary(found, judgement), 'suggestions': suggested, 'seconds': time.monotonic() - begin
+    }  # fmt: skip
+    print('\n'.join([*lines(found, judgement), *suggested]))
     if options.out:
         write_scene(found, scene, options.recording, options.out)
         result['out'] = str(options.out)
@@ -143,7 +151,7 @@ def _plotter(options: argparse.Namespace) -> 'Callable[[Fit], None] | None':
 
 def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
     """Return the recording in segments, and the scene as it was before its steps were chosen."""
-    from snake_sim_ros.studies.fit import OFFSET, OFFSETS
+    from snake_sim_ros.studies.fit import OFFSETS, SETUP
     from snake_sim_ros.studies.recorded_motion import read_recording
     from snake_sim_ros.studies.replay import Replay, ReplaySettings, with_fit_steps, with_offsets
 
@@ -159,7 +167,7 @@ def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
     law = options.law or ('interpolated' if recording.is_run else 'held')
     replay = Replay(recording, with_fit_steps(scene, given), settings, law)
     free = {name for item in options.free for name in item.split('=')}
-    streams = {name.removeprefix(OFFSET) for name in free & {*OFFSETS}}
+    streams = {SETUP[name][0] for name in free & {*OFFSETS}}
     return with_offsets(replay, streams) if streams else replay, scene
 
 
@@ -167,28 +175,24 @@ def _check(options: argparse.Namespace, found: 'Fit') -> dict[str, Any]:
     """Fit synthetic recordings of a scene that was found; return how well that went."""
     from snake_sim_ros.studies.fit import fit
     from snake_sim_ros.studies.judgement import coverage, judge
-    from snake_sim_ros.studies.replay import (
-        Offsets,
-        on_one_clock,
-        Replay,
-        with_noise,
-        without_noise,
-    )
+    from snake_sim_ros.studies.replay import on_one_clock, Replay, Setup, with_noise, without_noise
 
     replay, settings = found.replay, found.replay.settings
     repeats: list[tuple[Fit, Judgement]] = []
     finer = with_settings(found.scene, {'dt': found.scene.dt / FINER})
     start = replay.start(found.scene)
-    here, there = np.subtract(found.offsets, replay.offsets), np.negative(replay.offsets)
-    law = replay.law, settings.horizon
-    exact = without_noise(replay.recording, finer, start, *law, Offsets(*here))
-    exact = on_one_clock(exact, Offsets(*there))
+    law, (joints, poses) = (replay.law, settings.horizon), replay.setup[:2]
+    here = found.setup._replace(
+        joints=found.setup.joints - joints, poses=found.setup.poses - poses
+    )
+    exact = without_noise(replay.recording, finer, start, *law, here)
+    exact = on_one_clock(exact, Setup(-joints, -poses))
     for number in tqdm(range(options.check), unit=' recordings'):
         noisy = with_noise(
             exact, settings.noise_position, settings.noise_angle, options.seed + number
         )
-        offsets = replay.offsets if replay.margin else None
-        again = Replay(noisy, replay.scene, settings, replay.law, offsets)
+        setup = replay.setup if replay.margin else None
+        again = Replay(noisy, replay.scene, settings, replay.law, setup)
         refitted = fit(again, found.unknowns, threads=options.threads)
         repeats.append((refitted, judge(refitted, options.seed + number)))
     result = coverage(found.values, repeats)

@@ -18,13 +18,13 @@ from snake_sim_ros.scene.checked_records import flat_fields, nearest, ParameterE
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.studies.replay import (
     ALIGNED,
+    AS_STATED,
     FARTHEST_OFFSET,
     LOST,
-    NO_OFFSETS,
-    Offsets,
     Replay,
     Residual,
     Segment,
+    Setup,
 )
 from snake_sim_ros.studies.searches import Search
 from snake_sim_ros.studies.workers import closing_pool, core_count
@@ -34,12 +34,19 @@ FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
 FARTHEST = math.log(1e3)  # a positive value changes at most by this factor
 STEP = 0.02  # of differences: a share of a positive value
 LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
-OFFSET = 'time_offset.'  # prefix of what belongs to the stamps of a recording, not to a scene
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
 MOST_EVALUATIONS = 60  # of the residuals, besides differences
 NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
 SPREAD_END = 0.01  # share of the box at which a global stage ends
-OFFSETS = tuple(OFFSET + name for name in Offsets._fields)
+FARTHEST_MARKER, FARTHEST_TILT = 0.5, 0.5  # m, rad
+# What belongs to the setup of a measurement, not to a scene: field, distance from its start, unit.
+SETUP = {
+    'time_offset.joints': ('joints', FARTHEST_OFFSET, 's'),
+    'time_offset.poses': ('poses', FARTHEST_OFFSET, 's'),
+    **{f'marker.{axis}': (axis, FARTHEST_MARKER, 'm') for axis in 'xyz'},
+    **{f'frame.{turn}': (turn, FARTHEST_TILT, 'rad') for turn in ('roll', 'pitch')},
+}
+OFFSETS = 'time_offset.joints', 'time_offset.poses'
 
 
 @dataclass(frozen=True)
@@ -99,7 +106,7 @@ class Unknown:
 
 
 def unknowns_of(
-    scene: Scene, free: Sequence[str], offsets: Offsets = NO_OFFSETS
+    scene: Scene, free: Sequence[str], setup: Setup = AS_STATED
 ) -> tuple[Unknown, ...]:
     """
     Return the unknowns of a fit.
@@ -109,9 +116,9 @@ def unknowns_of(
     scene : Scene
         With the values to start from.
     free : sequence of str
-        Dotted names; names with ``=`` between them have one value. Those of OFFSETS are not of the
-        scene, but of `replay.Offsets`.
-    offsets : Offsets, optional
+        Dotted names; names with ``=`` between them have one value. Those of SETUP are not of the
+        scene, but of `replay.Setup`.
+    setup : Setup, optional
         Where those start.
 
     Raises
@@ -127,10 +134,10 @@ def unknowns_of(
             if name in seen:
                 raise ParameterError(f'--free {name} is given twice')
             seen.add(name)
-            if name not in OFFSETS:
+            if name not in SETUP:
                 _check(name, scene)
-        if any(name in OFFSETS for name in names):
-            found.append(_offset(names, offsets))
+        if any(name in SETUP for name in names):
+            found.append(_of_setup(names, setup))
             continue
         start, limits = known[names[0]]
         above = limits['above'] + 1e-12 if limits['above'] >= 0.0 else -math.inf
@@ -144,13 +151,15 @@ def unknowns_of(
     return tuple(found)
 
 
-def _offset(names: tuple[str, ...], offsets: Offsets) -> Unknown:
-    """Return the unknown of one offset, or of one for both streams."""
-    if others := [name for name in names if name not in OFFSETS]:
-        raise ParameterError(f'--free {"=".join(names)}: {others[0]} is no offset of a clock')
-    start = getattr(offsets, names[0].removeprefix(OFFSET))
-    low, high = start - FARTHEST_OFFSET, start + FARTHEST_OFFSET
-    return Unknown(names, start, low, high, 's', is_positive=False)
+def _of_setup(names: tuple[str, ...], setup: Setup) -> Unknown:
+    """Return the unknown of one or several numbers of a setup."""
+    if others := [name for name in names if name not in SETUP]:
+        raise ParameterError(f'--free {"=".join(names)}: {others[0]} is a number of the scene')
+    (field, far, unit), *more = (SETUP[name] for name in names)
+    if any(other != unit for _, _, other in more):
+        raise ParameterError(f'--free {"=".join(names)}: these are numbers of different kinds')
+    start = getattr(setup, field)
+    return Unknown(names, start, start - far, start + far, unit, is_positive=False)
 
 
 def _check(name: str, scene: Scene) -> None:
@@ -176,7 +185,7 @@ def _check(name: str, scene: Scene) -> None:
         raise ParameterError(f'--free {name}: a fit finds numbers, this is {quoted(value)}')
     raise ParameterError(
         f'--free {name}: a fit finds only numbers of the robot and of friction; '
-        f'choose from: {", ".join([*usable, *OFFSETS])}'
+        f'choose from: {", ".join([*usable, *SETUP])}'
     )
 
 
@@ -186,20 +195,20 @@ def scene_at(scene: Scene, unknowns: Sequence[Unknown], x: Array) -> Scene:
         name: unknown.value(float(place))
         for unknown, place in zip(unknowns, x, strict=True)
         for name in unknown.names
-        if name not in OFFSETS
+        if name not in SETUP
     }
     return with_settings(scene, settings)
 
 
-def offsets_at(offsets: Offsets, unknowns: Sequence[Unknown], x: Array) -> Offsets:
-    """Return the offsets with the values of coordinates; those that are not unknown stay."""
+def setup_at(setup: Setup, unknowns: Sequence[Unknown], x: Array) -> Setup:
+    """Return the setup with the values of coordinates; what is not unknown stays."""
     values = {
-        name.removeprefix(OFFSET): unknown.value(float(place))
+        SETUP[name][0]: unknown.value(float(place))
         for unknown, place in zip(unknowns, x, strict=True)
         for name in unknown.names
-        if name in OFFSETS
+        if name in SETUP
     }
-    return offsets._replace(**values)
+    return setup._replace(**values)
 
 
 @dataclass(frozen=True)
@@ -244,9 +253,9 @@ class Fit:
         return scene_at(self.replay.scene, self.unknowns, self.x)
 
     @property
-    def offsets(self) -> Offsets:
-        """The offsets found, or those of the replay."""
-        return offsets_at(self.replay.offsets, self.unknowns, self.x)
+    def setup(self) -> Setup:
+        """The setup found, or that of the replay."""
+        return setup_at(self.replay.setup, self.unknowns, self.x)
 
     @property
     def freedom(self) -> int:
@@ -282,8 +291,8 @@ class _Evaluations:
     def _residuals(self, x: Array, part: tuple[Segment, ...]) -> list[Residual]:
         try:
             scene = scene_at(self.replay.scene, self.unknowns, x)
-            offsets = offsets_at(self.replay.offsets, self.unknowns, x)
-            return self.replay.residuals(scene, part, offsets)
+            setup = setup_at(self.replay.setup, self.unknowns, x)
+            return self.replay.residuals(scene, part, setup)
         except ParameterError as error:
             values = [u.value(float(place)) for u, place in zip(self.unknowns, x, strict=True)]
             raise ParameterError(f'values {values} cannot be simulated: {error}') from None

@@ -28,7 +28,8 @@ from scipy import stats
 
 from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, Scene, scene_to_text, with_settings
-from snake_sim_ros.studies.fit import Fit, LEAST_SIZE, scene_at
+from snake_sim_ros.studies.fit import Fit, LEAST_SIZE, scene_at, SETUP
+from snake_sim_ros.studies.replay import Residual
 
 CONFIDENCE = 0.95
 FALSE_ALARM = 0.01  # probability that a right model fails the tests
@@ -40,6 +41,8 @@ UNKNOWN = 0.25  # standard deviation, as a share of the value, from which it is 
 CHANGE = 0.1  # change of values whose effect is compared with the noise
 FAINT = 0.5  # effect of that change, as a share of the noise, below which it hardly matters
 LARGE_PART = 0.3  # share of a combination from which a name is said
+SETUP_STEP = 1e-3  # of a number of the setup, for its derivative [s], [m], [rad]
+SUGGESTED = 0.3  # share of what is left over from which such a number is suggested
 NOT_EXPLAINED = 'the model does not explain the recording, so the intervals do not hold: '
 
 
@@ -229,6 +232,45 @@ def _failures(
             f'{_small(memory)} if they did not)'
         )
     return tuple(failures)
+
+
+def what_is_suggested(found: Fit) -> tuple[str, ...]:
+    """
+    Return a sentence for what of the setup would explain what a fit does not, the best one first.
+
+    A number alone, with the values that are free, would take away ``(c . r)^2/c^2`` of the sum of
+    squares, to first order, with the part c of its derivative that is not along those of others.
+    """
+    r = _flat(found.residuals)
+    basis, _ = np.linalg.qr(np.concatenate(found.jacobians))
+    free = {name for unknown in found.unknowns for name in unknown.names}
+    over = float(r @ r) - found.freedom
+    shares = []
+    for name, (field, _, unit) in SETUP.items():
+        if name in free:
+            continue
+        here = getattr(found.setup, field)
+        setups = [
+            found.setup._replace(**{field: value})
+            for value in (here - SETUP_STEP, here + SETUP_STEP)
+        ]
+        ends = [_flat(found.replay.residuals(found.scene, setup=setup)) for setup in setups]
+        c = (ends[1] - ends[0]) / (2 * SETUP_STEP)
+        c -= basis @ (basis.T @ c)
+        if (square := float(c @ c)) > 0.0:
+            share, change = float(c @ r) ** 2 / square / over, -float(c @ r) / square
+            shares.append((share, name, here + change, unit))
+    return tuple(
+        f'--free {name}, about {value:.2g} {unit}, would explain {100 * min(share, 1.0):.0f} % of '
+        'what is left over'
+        for share, name, value, unit in sorted(shares, reverse=True)
+        if share > SUGGESTED
+    )
+
+
+def _flat(residuals: list[Residual]) -> Array:
+    """Return all numbers of residuals."""
+    return np.concatenate([item.flat() for item in residuals])
 
 
 def _small(probability: float) -> str:

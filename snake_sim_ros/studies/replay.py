@@ -10,8 +10,8 @@ burn-in. Place and heading are not forgotten, but on a floor they do not matter:
 segment is moved and turned about the vertical to where it fits best.
 
 A delay of commands need not be a multiple of the step: references are taken that much earlier.
-Stamps of poses and of angles may be on clocks of their own, which are ahead of that of the
-commands by `Offsets`.
+Stamps may be on clocks of their own, a marker beside the center of its link, and the frame of the
+poses tilted; see `Setup`.
 
 Synthetic recordings are simulated here, too: what another recording would have measured of a
 scene.
@@ -197,14 +197,24 @@ class ReplaySettings(CheckedRecord):
     )
 
 
-class Offsets(NamedTuple):
-    """How much the clocks of stamps are ahead of the clock of the commands [s]."""
+class Setup(NamedTuple):
+    """
+    How a motion was measured, where it was not with one clock, in the centers of links, and level.
 
-    joints: float = 0.0
-    poses: float = 0.0
+    The clocks of the stamps are ahead of that of the commands. The pose of a link is that of its
+    frame, moved to a marker; all links that are measured have theirs in the same place.
+    """
+
+    joints: float = 0.0  # offset of the clock of joint angles [s]
+    poses: float = 0.0  # that of poses [s]
+    x: float = 0.0  # place of the marker, from the center of its link, in the link's frame [m]
+    y: float = 0.0
+    z: float = 0.0
+    roll: float = 0.0  # turn of the floor about x and then y of the frame of the poses [rad]
+    pitch: float = 0.0
 
 
-NO_OFFSETS = Offsets()
+AS_STATED = Setup()
 
 
 class Segment(NamedTuple):
@@ -248,9 +258,9 @@ class Replay:
     settings : ReplaySettings
     law : str
         One of `recorded_motion.LAWS`.
-    offsets : Offsets or None, optional
-        Where a search for them starts, see `with_offsets`. Segments then end early enough for
-        offsets that are FARTHEST_OFFSET away. Default: stamps are those of one clock.
+    setup : Setup or None, optional
+        Where a search for offsets of clocks starts, see `with_offsets`. Segments then end early
+        enough for offsets that are FARTHEST_OFFSET away. Default: stamps are those of one clock.
 
     Raises
     ------
@@ -265,11 +275,11 @@ class Replay:
         scene: Scene,
         settings: ReplaySettings,
         law: str,
-        offsets: Offsets | None = None,
+        setup: Setup | None = None,
     ) -> None:
-        self.offsets = offsets or NO_OFFSETS
-        self.margin = 0.0 if offsets is None else FARTHEST_OFFSET
-        self.given, recording = recording, on_one_clock(recording, self.offsets)
+        self.setup = setup or AS_STATED
+        self.margin = 0.0 if setup is None else FARTHEST_OFFSET
+        self.given, recording = recording, on_one_clock(recording, self.setup)
         self.recording, self.scene, self.settings, self.law = recording, scene, settings, law
         self.every = max(1, round(PERIOD / scene.dt))
         self.period = self.every * scene.dt
@@ -345,15 +355,15 @@ class Replay:
         self,
         scene: Scene,
         segments: tuple[Segment, ...] | None = None,
-        offsets: Offsets | None = None,
+        setup: Setup | None = None,
     ) -> list[Residual]:
-        """Return the residuals of segments, all of them by default, with offsets of their own."""
+        """Return the residuals of segments, all of them by default, of another setup if given."""
         commanded, scene = self.references(scene), without_delay(scene)
         stepper = make_stepper(scene)
         if self._known:
             share_compiled(self._known, self._known_scene, stepper, scene)
         found = [
-            self._residual(scene, stepper, item, commanded, offsets or self.offsets)
+            self._residual(scene, stepper, item, commanded, setup or self.setup)
             for item in (self.segments if segments is None else segments)
         ]
         self._known = self._known or stepper
@@ -365,17 +375,17 @@ class Replay:
         stepper: Stepper,
         segment: Segment,
         commanded: tuple[Array, Array],
-        offsets: Offsets,
+        setup: Setup,
     ) -> Residual:
         settings = self.settings
-        later = segment.joint_time - (offsets.joints - self.offsets.joints)
-        times = segment.pose_time - (offsets.poses - self.offsets.poses), later
+        later = segment.joint_time - (setup.joints - self.setup.joints)
+        times = segment.pose_time - (setup.poses - self.setup.poses), later
         q = self.simulated(scene, stepper, segment, commanded, times)
         if q is None:
             size = segment.position.shape[:2]
             lost = np.where(np.isnan(segment.joint_angle), np.nan, LOST)
             return Residual(np.full((*size, 6), LOST), lost)
-        links = q[0][:, self.recording.links]
+        links = as_measured(q[0][:, self.recording.links], setup)
         poses = aligned(segment, links, settings.noise_position, settings.noise_angle)
         angle = joint_angles(q[1])
         return Residual(poses, (segment.joint_angle - angle) / settings.noise_angle)
@@ -414,28 +424,39 @@ def with_offsets(replay: Replay, streams: Container[str]) -> Replay:
     It starts at those that fit best with the values of the scene, of some up to FARTHEST_OFFSET.
     """
     recording, scene, rest = replay.given, replay.scene, (replay.settings, replay.law)
-    replay = Replay(recording, scene, *rest, NO_OFFSETS)
+    replay = Replay(recording, scene, *rest, AS_STATED)
     count = round(FARTHEST_OFFSET / OFFSET_STEP)
     tried = OFFSET_STEP * np.arange(-count, count + 1)
     costs = np.zeros((len(tried), 2))
     for cost, offset in zip(costs, tried, strict=True):
-        for item in replay.residuals(scene, offsets=Offsets(offset, offset)):
+        for item in replay.residuals(scene, setup=Setup(offset, offset)):
             cost += np.nansum(item.joints**2), np.nansum(item.poses**2)
     best = tried[costs.argmin(axis=0)]
-    found = (
-        float(offset) if name in streams else 0.0
-        for name, offset in zip(Offsets._fields, best, strict=True)
-    )
-    return Replay(recording, scene, *rest, Offsets(*found))
+    pairs = zip(('joints', 'poses'), best.tolist(), strict=True)
+    found = {name: offset for name, offset in pairs if name in streams}
+    return Replay(recording, scene, *rest, Setup(**found))
 
 
-def on_one_clock(recording: Recording, offsets: Offsets) -> Recording:
+def on_one_clock(recording: Recording, setup: Setup) -> Recording:
     """Return a recording with its stamps on the clock of the commands."""
     return replace(
         recording,
-        joint_time=recording.joint_time - offsets.joints,
-        pose_time=recording.pose_time - offsets.poses,
+        joint_time=recording.joint_time - setup.joints,
+        pose_time=recording.pose_time - setup.poses,
     )
+
+
+def as_measured(q: Array, setup: Setup) -> Array:
+    """Return the poses (..., 7) that are measured of links with coordinates q."""
+    marker, p = np.array([setup.x, setup.y, setup.z]), q[..., 3:]
+    place = q[..., :3]
+    if marker.any():
+        place = place + rotation_matrices(p) @ marker
+    if setup.roll != 0.0 or setup.pitch != 0.0:
+        tilt = product(about(1, setup.pitch), about(0, setup.roll))
+        place = place @ rotation_matrices(tilt).T
+        p = product(np.broadcast_to(tilt, p.shape), p)
+    return np.concatenate([place, p], axis=-1)
 
 
 def without_delay(scene: Scene) -> Scene:
@@ -542,7 +563,7 @@ def without_noise(
     state: State,
     law: str,
     horizon: float,
-    offsets: Offsets = NO_OFFSETS,
+    setup: Setup = AS_STATED,
 ) -> Recording:
     """
     Return the recording of a scene that follows the commands of a recording.
@@ -556,8 +577,8 @@ def without_noise(
         At the begin of the recording.
     law, horizon
         As of `recorded_motion.references`.
-    offsets : Offsets, optional
-        Of the stamps.
+    setup : Setup, optional
+        How it is measured.
 
     Raises
     ------
@@ -565,7 +586,7 @@ def without_noise(
         If the simulation diverges.
 
     """
-    recording = on_one_clock(recording, offsets)
+    recording = on_one_clock(recording, setup)
     begin, dt = recording.begin, scene.dt
     every = max(1, round(PERIOD / dt))
     rows = int(np.ceil((recording.end - begin) / (every * dt) - 1e-6))
@@ -586,12 +607,12 @@ def without_noise(
     kept = np.isin(recording.joint_time, joints)
     missing = np.isnan(recording.joint_angle[kept])
     angle = joint_angles(between(q, u, every * dt, joints - begin))
-    links = between(q, u, every * dt, poses - begin)[:, recording.links]
+    links = as_measured(between(q, u, every * dt, poses - begin)[:, recording.links], setup)
     return replace(
         recording,
-        joint_time=joints + offsets.joints,
+        joint_time=joints + setup.joints,
         joint_angle=np.where(missing, np.nan, angle),
-        pose_time=poses + offsets.poses,
+        pose_time=poses + setup.poses,
         position=links[..., :3],
         orientation=links[..., 3:],
     )

@@ -24,17 +24,24 @@ from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_r
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import simulate
-from snake_sim_ros.studies.fit import Fit, fit, OFFSETS, scene_at, Unknown, unknowns_of
-from snake_sim_ros.studies.judgement import judge, what_is_not_determined, write_scene
+from snake_sim_ros.studies.fit import Fit, fit, OFFSETS, scene_at, SETUP, Unknown, unknowns_of
+from snake_sim_ros.studies.judgement import (
+    judge,
+    what_is_not_determined,
+    what_is_suggested,
+    write_scene,
+)
 from snake_sim_ros.studies.recorded_motion import read_recording
 from snake_sim_ros.studies.replay import (
     ALIGNED,
     aligned,
+    as_measured,
     between,
     Measured,
     Replay,
     ReplaySettings,
     Residual,
+    Setup,
     start_state,
     with_fit_steps,
     with_noise,
@@ -167,10 +174,45 @@ def test_clocks_that_are_ahead_are_found(recording):
     wrong = fit(replay_of(ahead), unknowns_of(recording.scene, BOTH))
     assert abs(wrong.values[0] / 0.1 - 1.0) > 0.5 and judge(wrong).failures
     replay = with_offsets(replay_of(ahead), {'joints', 'poses'})
-    found = fit(replay, unknowns_of(replay.scene, [*BOTH, *OFFSETS], replay.offsets))
+    found = fit(replay, unknowns_of(replay.scene, [*BOTH, *OFFSETS], replay.setup))
     assert found.values == pytest.approx([0.1, 0.5, -0.021, 0.153], rel=1e-3)
-    assert found.offsets == pytest.approx((-0.021, 0.153), rel=1e-3)
+    assert found.setup[:2] == pytest.approx((-0.021, 0.153), rel=1e-3)
     assert judge(found).failures == ()
+
+
+def measured_with(recording, setup):
+    """Return a recording of the first link alone, with another setup."""
+    q = np.concatenate([recording.position, recording.orientation], axis=-1)[:, :1]
+    q = as_measured(q, setup)
+    return replace(
+        recording, links=recording.links[:1], position=q[..., :3], orientation=q[..., 3:],
+        pose_time=recording.pose_time + setup.poses,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('setup', 'suggested'),
+    [
+        (Setup(x=0.03, z=0.01), 'marker.x, about 0.03 m'),
+        (Setup(roll=0.02, pitch=-0.03), 'frame.pitch, about -0.029 rad'),
+        (Setup(poses=0.02), 'time_offset.poses, about 0.02 s'),
+    ],
+)
+def test_what_the_setup_explains_is_suggested_and_found(recording, setup, suggested):
+    replay = replay_of(measured_with(recording, setup), seed=1)
+    wrong = fit(replay, unknowns_of(replay.scene, BOTH))
+    assert judge(wrong).failures
+    assert what_is_suggested(wrong)[0].startswith(f'--free {suggested}, would explain')
+    free = [name for name, (field, _, _) in SETUP.items() if getattr(setup, field) != 0.0]
+    if setup.poses:
+        replay = with_offsets(replay, {'poses'})
+    found = fit(replay, unknowns_of(replay.scene, [*BOTH, *free], replay.setup))
+    judgement = judge(found)
+    assert judgement.failures == ()
+    # Four standard deviations, as above.
+    true = [0.1, 0.5, *(value for value in setup if value != 0.0)]
+    off = [unknown.coordinate(value) for unknown, value in zip(found.unknowns, true, strict=True)]
+    assert (np.abs(found.x - off) < 4 * judgement.deviation).all()
 
 
 def test_one_offset_may_be_that_of_both_streams(recording):
@@ -178,9 +220,9 @@ def test_one_offset_may_be_that_of_both_streams(recording):
         recording, joint_time=recording.joint_time + 0.04, pose_time=recording.pose_time + 0.04
     )
     replay = with_offsets(replay_of(later), {'joints', 'poses'})
-    found = fit(replay, unknowns_of(replay.scene, ['='.join(OFFSETS)], replay.offsets))
+    found = fit(replay, unknowns_of(replay.scene, ['='.join(OFFSETS)], replay.setup))
     assert found.values == pytest.approx([0.04], rel=1e-3)
-    with pytest.raises(ParameterError, match='is no offset of a clock'):
+    with pytest.raises(ParameterError, match='is a number of the scene'):
         unknowns_of(replay.scene, [f'{OFFSETS[0]}=friction.rolling'])
 
 

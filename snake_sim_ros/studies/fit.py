@@ -172,7 +172,8 @@ def _check(name: str, scene: Scene) -> None:
     if name in usable:
         return
     if name not in known:
-        raise ParameterError(f'--free: unknown name {quoted(name)}; {nearest(name, known)}')
+        hint = nearest(name, [*known, *SETUP])
+        raise ParameterError(f'--free: unknown name {quoted(name)}; {hint}')
     value = known[name][0]
     if isinstance(value, tuple):
         raise ParameterError(

@@ -18,7 +18,7 @@ Three tests look for what the model does not explain:
 What was found becomes text, JSON and the file of a scene here, too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, Scene, scene_to_text, with_settings
 from snake_sim_ros.studies.fit import Fit, LEAST_SIZE, scene_at, SETUP
@@ -42,6 +43,8 @@ CHANGE = 0.1  # change of values whose effect is compared with the noise
 FAINT = 0.5  # effect of that change, as a share of the noise, below which it hardly matters
 LARGE_PART = 0.3  # share of a combination from which a name is said
 SETUP_STEP = 1e-3  # of a number of the setup, for its derivative [s], [m], [rad]
+# Numbers of a robot that scenes often leave at 0, and steps for their derivatives.
+OFTEN_MISSING = {'robot.command_delay': 1e-3, 'robot.joint_friction': 0.1}  # s, N m
 SUGGESTED = 0.3  # share of what is left over from which such a number is suggested
 NOT_EXPLAINED = 'the model does not explain the recording, so the intervals do not hold: '
 
@@ -236,9 +239,10 @@ def _failures(
 
 def what_is_suggested(found: Fit) -> tuple[str, ...]:
     """
-    Return a sentence for what of the setup would explain what a fit does not, the best one first.
+    Return a sentence for what would explain what a fit does not, the best one first.
 
-    A number alone, with the values that are free, would take away ``(c . r)^2/c^2`` of the sum of
+    It is a number of the setup of the measurement, or one that robots have and scenes often lack.
+    Alone, with the values that are free, it would take away ``(c . r)^2/c^2`` of the sum of
     squares, to first order, with the part c of its derivative that is not along those of others.
     """
     r = _flat(found.residuals)
@@ -246,26 +250,44 @@ def what_is_suggested(found: Fit) -> tuple[str, ...]:
     free = {name for unknown in found.unknowns for name in unknown.names}
     over = float(r @ r) - found.freedom
     shares = []
-    for name, (field, _, unit) in SETUP.items():
+    for name, unit, value, step in _candidates(found):
         if name in free:
             continue
-        here = getattr(found.setup, field)
-        setups = [
-            found.setup._replace(**{field: value})
-            for value in (here - SETUP_STEP, here + SETUP_STEP)
-        ]
-        ends = [_flat(found.replay.residuals(found.scene, setup=setup)) for setup in setups]
-        c = (ends[1] - ends[0]) / (2 * SETUP_STEP)
+        # From 0, what cannot be negative goes one way only.
+        low = value if name in OFTEN_MISSING and value < step else value - step
+        ends = [_flat(_residuals_with(found, name, end)) for end in (low, value + step)]
+        c = (ends[1] - ends[0]) / (value + step - low)
         c -= basis @ (basis.T @ c)
         if (square := float(c @ c)) > 0.0:
             share, change = float(c @ r) ** 2 / square / over, -float(c @ r) / square
-            shares.append((share, name, here + change, unit))
+            if name not in OFTEN_MISSING or value + change > 0.0:
+                shares.append((share, name, value + change, unit))
     return tuple(
         f'--free {name}, about {value:.2g} {unit}, would explain {100 * min(share, 1.0):.0f} % of '
         'what is left over'
         for share, name, value, unit in sorted(shares, reverse=True)
         if share > SUGGESTED
     )
+
+
+def _candidates(found: Fit) -> Iterator[tuple[str, str, float, float]]:
+    """Yield names, units, values and steps of the numbers that may be suggested."""
+    for name, (field, _, unit) in SETUP.items():
+        yield name, unit, getattr(found.setup, field), SETUP_STEP
+    known = flat_fields(found.scene)
+    for name, step in OFTEN_MISSING.items():
+        value, limits = known[name]
+        if isinstance(value, float):
+            yield name, limits['unit'], value, step
+
+
+def _residuals_with(found: Fit, name: str, value: float) -> list[Residual]:
+    """Return the residuals of a fit with another value of a number."""
+    if name in SETUP:
+        setup = found.setup._replace(**{SETUP[name][0]: value})
+        return found.replay.residuals(found.scene, setup=setup)
+    scene = with_settings(found.scene, {name: value})
+    return found.replay.residuals(scene, setup=found.setup)
 
 
 def _flat(residuals: list[Residual]) -> Array:

@@ -215,6 +215,21 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
     assert (np.abs(found.x - off) < 4 * judgement.deviation).all()
 
 
+@pytest.mark.parametrize(
+    ('truth', 'suggested'),
+    [
+        ({'robot.joint_friction': 0.2}, 'robot.joint_friction, about 0.'),
+        ({'robot.command_delay': 0.02, 'dt': 0.01}, 'robot.command_delay, about 0.02 s'),
+    ],
+)
+def test_what_a_scene_lacks_is_suggested(tmp_path, truth, suggested):
+    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    replay = replay_of(recording, seed=1, **dict.fromkeys(truth.keys() - {'dt'}, 0.0))
+    wrong = fit(replay, unknowns_of(replay.scene, BOTH))
+    assert judge(wrong).failures
+    assert what_is_suggested(wrong)[0].startswith(f'--free {suggested}')
+
+
 def test_one_offset_may_be_that_of_both_streams(recording):
     later = replace(
         recording, joint_time=recording.joint_time + 0.04, pose_time=recording.pose_time + 0.04

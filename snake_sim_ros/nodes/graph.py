@@ -20,7 +20,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import qos_profile_best_available, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from yaml import dump
 
@@ -181,11 +181,28 @@ def topic_echo(client: Client, options: Any) -> None:
     topic = _checked(options.topic)
     kind = _kind_of(client, topic, options.type)
     messages: list[Any] = []
-    client.node.create_subscription(kind, topic, messages.append, qos_profile_best_available)
+    client.until(lambda: client.node.count_publishers(topic), float('inf'))
+    client.node.create_subscription(kind, topic, messages.append, _heard_by_all(client, topic))
     while client.until(lambda: messages, float('inf')):
         print(as_yaml(messages.pop(0)), end='---\n')
         if options.once:
             break
+
+
+def _heard_by_all(client: Client, topic: str) -> QoSProfile:
+    """
+    Return the best quality of service that all who publish on a topic offer, as `ros2` finds it.
+
+    That of rclpy, qos_profile_best_available, once asked for more liveliness than `sim` offers.
+    """
+    offered = [info.qos_profile for info in client.node.get_publishers_info_by_topic(topic)]
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
+    latched = all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    return QoSProfile(
+        depth=10,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 def topic_hz(client: Client, options: Any) -> None:

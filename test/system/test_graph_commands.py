@@ -240,6 +240,21 @@ def test_a_command_whose_middleware_hangs_ends_with_its_own_status(graph):
         assert 1.0 < time.monotonic() - begin < 3.0 and 'Traceback' not in process.output
 
 
+def test_echo_hears_who_publishes_later(graph):
+    process = started(graph, 'topic', 'echo', '--once', '/later', 'std_msgs/msg/String')
+    names = graph.node.get_node_names
+    graph.until(lambda: f'_snake_sim_{process.popen.pid}' in names(), 'the command')
+    time.sleep(1.0)  # it has waited long enough for somebody who publishes already
+    publisher = graph.node.create_publisher(String, '/later', 10)
+
+    def heard():
+        publisher.publish(String(data='at last'))
+        return process.count('at last')
+
+    graph.until(heard, 'the message')
+    assert process.wait() == 0
+
+
 def test_signals_end_what_a_script_started(graph):
     kinds = [
         (words, number)

@@ -14,10 +14,11 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
 
+FAST = 'pytest.mark.fast'  # what files of fast tests say
+
 # All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
 # without the compiler. test_without_compiler.py runs these without it, for every method, and those
 # that are here twice: with it they are longer, for the methods that are most used.
-FAST = 'pytest.mark.fast'
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']

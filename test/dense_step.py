@@ -179,7 +179,7 @@ def dense_step(
     W = np.concatenate(
         [W_N[:, :, None], W_T.reshape(6 * n, -1, 2), W_V.reshape(6 * n, -1, 2)], axis=2
     )[:, active]
-    W_tau = force_directions.torque_directions(R)
+    W_tau = force_directions.torque_directions(robot, R)
     torque, damping = moreau.joint_torque_law(
         scene, state, q_M, make_control_memory(scene), angle, rate
     )

@@ -5,10 +5,12 @@
 import numpy as np
 
 from snake_sim_ros import Robot, State
+from snake_sim_ros.scene.chain import Joint, Link, Shape
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 
+E_X = np.array([1.0, 0.0, 0.0])
 EPS = np.finfo(float).eps
 
 
@@ -27,6 +29,52 @@ def random_robot(rng: np.random.Generator, link_count: int) -> Robot:
         name: tuple(getattr(aiko, name) * rng.uniform(0.8, 1.2, link_count)) for name in names
     }
     return Robot(link_count=link_count, **values)
+
+
+def random_chain(rng: np.random.Generator, link_count: int, two_axes: float = 0.3) -> Robot:
+    """
+    Return a robot of any links and joints: masses up to 9 times each other, axes in any direction.
+
+    A link is about 0.1 m long along x of its frame, and has one or two capsules that touch the
+    world.
+    A joint has one axis, or two with the probability `two_axes`.
+    """
+    links, joints = [], []
+    for i in range(link_count):
+        turn = rotation_matrices(random_parameters(rng, 1))[0]
+        tensor = turn @ np.diag(rng.uniform(0.5, 0.9, 3) * 1e-3) @ turn.T
+        inertia = [*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+        shapes = [
+            Shape(
+                radius=rng.uniform(0.02, 0.05),
+                start=tuple(rng.uniform(-0.02, 0.02, 3)),
+                end=tuple(rng.uniform(-0.02, 0.02, 3) + 0.1 * E_X),
+            )
+            for _ in range(rng.integers(1, 3))
+        ]
+        links.append(
+            Link(
+                name=f'part_{i}',
+                mass=rng.uniform(0.2, 1.8),
+                center_of_mass=tuple(rng.uniform(-0.02, 0.02, 3) + 0.05 * E_X),
+                inertia=tuple(inertia),
+                shapes=tuple(shapes),
+                friction=rng.uniform(0.5, 1.5),
+            )
+        )
+    for j in range(link_count - 1):
+        axis = rng.standard_normal(3)
+        second = tuple(np.cross(axis, rng.standard_normal(3)))
+        joints.append(
+            Joint(
+                name=f'hinge_{j}',
+                origin=tuple(rng.uniform(-0.01, 0.01, 3) + 0.1 * E_X),
+                rotation=tuple(rng.uniform(-0.3, 0.3, 3)),
+                axis=tuple(axis),
+                second_axis=second if rng.uniform() < two_axes else None,
+            )
+        )
+    return Robot(links=tuple(links), joints=tuple(joints))
 
 
 def random_velocities(rng: np.random.Generator, link_count: int) -> Array:

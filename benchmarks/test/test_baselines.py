@@ -185,7 +185,7 @@ def dense_motion(scene, penalty, t, state):
     M, W_J, W_tau = (
         force_directions.mass_matrix(robot),
         force_directions.joint_directions(robot, R),
-        force_directions.torque_directions(R),
+        force_directions.torque_directions(robot, R),
     )
     W_J_dot = rate_of(
         lambda q: force_directions.joint_directions(robot, rotation_matrices(q[:, 3:])), state

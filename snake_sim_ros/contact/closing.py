@@ -204,14 +204,14 @@ def close_step(
     """
     _, closed, contacts, chain = problem
     solution = contacts.solution
-    offset, radius = model.robot.contact_offset, model.robot.contact_radius
+    robot = model.robot
     for a in closed:
         solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
-    depth = penetration(model.obstacles, offset, radius, q)
+    depth = penetration(model.obstacles, robot, q)
     before = depth_before = math.inf
     for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
         for a in closed:
-            solution.end_gap[a] = gap_at(model.obstacles, offset, radius, q, contacts, a)
+            solution.end_gap[a] = gap_at(model.obstacles, robot, q, contacts, a)
         to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
@@ -223,10 +223,8 @@ def close_step(
         keep_coordinates(q, q_before)
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
-        close_joints(
-            model.drift_correction, model.robot.half_length, model.robot.mass, furthest, q
-        )
-        depth = penetration(model.obstacles, offset, radius, q)
+        close_joints(model.drift_correction, robot.places, robot.mass, furthest, q)
+        depth = penetration(model.obstacles, robot, q)
     return depth
 
 

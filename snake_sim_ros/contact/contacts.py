@@ -16,6 +16,7 @@ are relative to O, the center of the middle link, in axes of I.
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import record_array, Table
+from snake_sim_ros.scene.parameters import Array
 
 # What touches where.
 GEOMETRY = np.dtype(
@@ -79,8 +80,14 @@ CONTACT = np.dtype([('geometry', GEOMETRY), ('solution', SOLUTION), ('newton', N
 Contacts = Table
 
 
-def make_contacts(count: int) -> Contacts:
-    """Return a table of `count` contacts, filled with zeros; every grip is 1."""
-    contacts = record_array(count, CONTACT)
-    contacts['geometry']['grip'][:] = 1.0
+def make_contacts(links: Array) -> Contacts:
+    """
+    Return a table of contacts, filled with zeros; every grip is 1.
+
+    `links`, shape (contacts, 2), are the link of every contact and the one it touches, or -1.
+    """
+    contacts = record_array(len(links), CONTACT)
+    geometry = contacts['geometry']
+    geometry['grip'][:] = 1.0
+    geometry['link'][:], geometry['other_link'][:] = links.T
     return contacts

@@ -317,7 +317,7 @@ def fill_loads(
     geometry, newton = contacts.geometry, contacts.newton
     n, row = len(chain.twist), newton.row[a]
     root = n // 2
-    i, other = link_and_other(chain.frame, contacts, n, a)
+    i, other = link_and_other(chain.frame, contacts, a)
     force, turn = unit_wrenches(geometry.point, contacts, chain.frame, a)
     depth[0], depth[1] = max(0, root - i), max(0, i - root)
     # Variables, because Numba would compile `carry_to_root` once for each literal.
@@ -342,10 +342,10 @@ def fill_loads(
 
 
 @inlined
-def link_and_other(frame: Array | None, contacts: Contacts, n: int, a: int) -> tuple[int, int]:
+def link_and_other(frame: Array | None, contacts: Contacts, a: int) -> tuple[int, int]:
     """Return the link of contact a, and the one that it touches or -1."""
     if frame is None:
-        return (a if a < n else a - n), -1
+        return contacts.geometry.link[a], -1
     return contacts.geometry.link[a], contacts.geometry.other_link[a]
 
 

@@ -21,9 +21,16 @@ import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
-from snake_sim_ros.dynamics.kinematics import axis_z, floor_penetration
+from snake_sim_ros.dynamics.kinematics import (
+    carried_in,
+    carried_part,
+    carried_place,
+    floor_penetration,
+    sphere_height,
+)
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
+from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -92,9 +99,11 @@ def patch_factor(patches: Any, x: float, y: float) -> float:
 
 
 @inlined
-def fill_grip(patches: Any, contacts: Contacts, a: int, x: float, y: float) -> None:
-    """Fill the grip of contact a, of a sphere above (x, y) of I [m]; without patches it is 1."""
-    contacts.geometry.grip[a] = patch_factor(patches, x, y)
+def fill_grip(
+    patches: Any, contacts: Contacts, a: int, place: tuple[float, float], own: float
+) -> None:
+    """Fill the grip of contact a, of a sphere above a place of I [m], with a factor of its own."""
+    contacts.geometry.grip[a] = own * patch_factor(patches, place[0], place[1])
 
 
 class Obstacles(NamedTuple):
@@ -108,6 +117,7 @@ class Obstacles(NamedTuple):
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
+    pairs: Array  # (pair_count, 2) the spheres that touch in each of them
     patches: Patches
 
 
@@ -126,6 +136,7 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
         pair_count=len(pair_contacts(scene)),
+        pairs=np.array(pair_contacts(scene), dtype=int).reshape(-1, 2),
         patches=make_patches(scene),
     )
 
@@ -168,7 +179,7 @@ def find_contacts(
     tolerance : float
         Gap up to which a contact counts as closed [m].
     robot : Mechanism
-        Offsets and radii of the contact spheres [m].
+        Spheres and capsules of its links.
     pose : Pose
     found : Found
         Filled.
@@ -195,28 +206,28 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
 
     Deviation: a vertical link has no heading; e_x^I replaces it.
     """
-    offset, radius = robot.contact_offset, robot.contact_radius
-    q, R, center, closed, contacts = pose.q, pose.R, pose.center, found.closed, found.contacts
+    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
+    closed, contacts = found.closed, found.contacts
     geometry, solution = contacts.geometry, contacts.solution
-    n = len(R)
-    count = 0
-    for i in range(n):
-        x, y, z = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        for a, signed in ((i, offset[i]), (n + i, -offset[i])):
-            gap = q[i, 2] + signed * z - radius[i]
-            if gap <= tolerance or geometry.takes_part[a] == 1:
-                closed[count] = a
-                count += 1
-                geometry.gap[a] = gap
-                solution.shift[a] = 0.0
-                c = math.sqrt(x * x + y * y)
-                flat = c > 1e-6
-                geometry.heading[a, 0] = x / c if flat else 1.0
-                geometry.heading[a, 1] = y / c if flat else 0.0
-                geometry.point[a, 0] = center[i, 0] + signed * x
-                geometry.point[a, 1] = center[i, 1] + signed * y
-                geometry.point[a, 2] = center[i, 2] + signed * z - radius[i]
-                geometry.radius[a] = radius[i]
+    place, radius, count = spheres.place, spheres.radius, 0
+    for a in spheres.of_link:
+        i = spheres.link[a]
+        arm = carried_part(R, i, place, a, 2)
+        gap = q[i, 2] + arm - radius[a]
+        if gap <= tolerance or geometry.takes_part[a] == 1:
+            x, y = R[i, 0, 2], R[i, 1, 2]
+            closed[count] = a
+            count += 1
+            geometry.gap[a] = gap
+            solution.shift[a] = 0.0
+            c = math.sqrt(x * x + y * y)
+            flat = c > 1e-6
+            geometry.heading[a, 0] = x / c if flat else 1.0
+            geometry.heading[a, 1] = y / c if flat else 0.0
+            geometry.point[a, 0] = center[i, 0] + carried_part(R, i, place, a, 0)
+            geometry.point[a, 1] = center[i, 1] + carried_part(R, i, place, a, 1)
+            geometry.point[a, 2] = center[i, 2] + arm - radius[a]
+            geometry.radius[a] = radius[a]
     return count
 
 
@@ -229,50 +240,85 @@ def find_obstacle_contacts(
 
     Parameters are those of `find_contacts`.
     """
-    offset, radius = robot.contact_offset, robot.contact_radius
-    q, R, center = pose.q, pose.R, pose.center
+    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
-    geometry = contacts.geometry
-    n, count = len(R), 0
-    for i in range(n):
+    geometry, count, next_capsule = contacts.geometry, 0, 0
+    for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        for side in range(2):
-            arm = offset[i] if side == 0 else -offset[i]
-            x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
+        for m in range(spheres.begin[i], spheres.begin[i + 1]):
+            s = spheres.of_link[m]
+            arm, radius = carried_in(R, i, spheres.place, s), spheres.radius[s]
+            x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
             for k in range(4):
-                gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius[i], k)
-                a = (side if k == 0 else 1 + 3 * side + k) * n + i
+                gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius, k)
+                a = k * len(spheres.link) + s
                 if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
                     closed[count] = a
                     count += 1
-                    place_contact(
-                        contacts, a, gap, radius[i], on_axis(center[i], arm, axis), (nx, ny, nz)
-                    )
+                    place_contact(contacts, a, gap, radius, beside(center[i], arm), (nx, ny, nz))
                     geometry.link[a], geometry.other_link[a] = i, -1
-                    fill_grip(obstacles.patches, contacts, a, x, y)
+                    fill_grip(obstacles.patches, contacts, a, (x, y), spheres.grip[s])
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
+        begin, next_capsule = next_capsule, end_of_capsules(robot.capsules, next_capsule, i)
+        if len(obstacles.pegs) > 0:
+            count = find_peg_contacts(
+                obstacles, tolerance, robot.capsules, (begin, next_capsule), pose, found, count
+            )
+    if obstacles.pair_count > 0:
+        count = find_pair_contacts(obstacles.first_pair, tolerance, robot, pose, found, count)
+    return count
+
+
+@inlined
+def end_of_capsules(capsules: Capsules, begin: int, i: int) -> int:
+    """Return where those of link i end, which begin at `begin`."""
+    end = begin
+    while end < len(capsules.link) and capsules.link[end] == i:
+        end += 1
+    return end
+
+
+@merged
+def find_peg_contacts(
+    obstacles: Obstacles,
+    tolerance: float,
+    capsules: Capsules,
+    part: tuple[int, int],
+    pose: Pose,
+    found: Found,
+    count: int,
+) -> int:
+    """
+    Fill the closed contacts of some capsules with pegs; return how many contacts are closed.
+
+    They follow `count` closed ones found before. `part` is the first of the capsules and the one
+    after the last. Other parameters are those of `find_contacts`.
+    """
+    q, R, center = pose.q, pose.R, pose.center
+    closed, contacts, frame = found.closed, found.contacts, found.frame
+    geometry = contacts.geometry
+    for c in range(part[0], part[1]):
+        i, half, radius = capsules.link[c], capsules.half[c], capsules.radius[c]
+        lever, axis = carried_in(R, i, capsules.center, c), carried_in(R, i, capsules.axis, c)
+        middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
         for k in range(len(obstacles.pegs)):
             px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
-            a = obstacles.first_peg + k * n + i
-            reach = offset[i] + radius[i] + peg_radius + tolerance
+            a = obstacles.first_peg + k * len(capsules.link) + c
+            reach = half + radius + peg_radius + tolerance
             asked = geometry.takes_part[a] == 1
-            if not asked and (px - q[i, 0]) ** 2 + (py - q[i, 1]) ** 2 > reach * reach:
+            if not asked and (px - middle[0]) ** 2 + (py - middle[1]) ** 2 > reach * reach:
                 continue
-            link = q[i, 0], q[i, 1]
-            arm, distance, nx, ny = peg_contact(link, (axis[0], axis[1]), offset[i], (px, py))
-            gap = distance - peg_radius - radius[i]
+            arm, distance, nx, ny = peg_contact(middle, (axis[0], axis[1]), half, (px, py))
+            gap = distance - peg_radius - radius
             if gap <= tolerance or asked:
                 closed[count] = a
                 count += 1
-                place_contact(
-                    contacts, a, gap, radius[i], on_axis(center[i], arm, axis), (nx, ny, 0.0)
-                )
+                point = on_axis(lever, arm, axis)
+                place_contact(contacts, a, gap, radius, beside(center[i], point), (nx, ny, 0.0))
                 geometry.link[a], geometry.other_link[a] = i, -1
                 set_axis(frame[a], 0, (nx, ny, 0.0))
                 set_axis(frame[a], 1, (-ny, nx, 0.0))
                 set_axis(frame[a], 2, (0.0, 0.0, 1.0))
-    if obstacles.pair_count > 0:
-        count = find_pair_contacts(obstacles.first_pair, tolerance, robot, pose, found, count)
     return count
 
 
@@ -391,50 +437,57 @@ def find_pair_contacts(
     force at one point in space, with levers from their own centers in q: these are elsewhere than
     in `center` where joints are open. Other parameters are those of `find_contacts`.
     """
-    offset, radius = robot.contact_offset, robot.contact_radius
-    q, R, center = pose.q, pose.R, pose.center
+    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
-    geometry = contacts.geometry
-    n = len(R)
-    for i in range(n):
+    geometry, begin, of_link = contacts.geometry, spheres.begin, spheres.of_link
+    for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        for j in range(i + 2, n):
+        for j in range(i + 2, len(R)):
             x, y, z = q[i, 0] - q[j, 0], q[i, 1] - q[j, 1], q[i, 2] - q[j, 2]
-            reach = offset[i] + offset[j] + radius[i] + radius[j] + tolerance
+            reach = spheres.reach[i] + spheres.reach[j] + tolerance
+            pairs = (begin[i + 1] - begin[i]) * (begin[j + 1] - begin[j])
             asked = False
-            for side in range(4):
+            for side in range(pairs):
                 asked = asked or geometry.takes_part[a + side] == 1
             if not asked and x * x + y * y + z * z > reach * reach:
-                a += 4
+                a += pairs
                 continue
-            for side in range(4):
-                arm = offset[i] if side < 2 else -offset[i]
-                other = offset[j] if side % 2 == 0 else -offset[j]
-                dx = x + arm * axis[0] - other * R[j, 0, 2]
-                dy = y + arm * axis[1] - other * R[j, 1, 2]
-                dz = z + arm * axis[2] - other * R[j, 2, 2]
-                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-                gap = distance - radius[i] - radius[j]
-                if gap <= tolerance or geometry.takes_part[a] == 1:
-                    closed[count] = a
-                    count += 1
-                    normal = dx / distance, dy / distance, dz / distance
-                    place_contact(
-                        contacts, a, gap, radius[i], on_axis(center[i], arm, axis), normal
+            for m in range(begin[i], begin[i + 1]):
+                arm = carried_in(R, i, spheres.place, of_link[m])
+                radius = spheres.radius[of_link[m]]
+                for s in range(begin[j], begin[j + 1]):
+                    other = carried_in(R, j, spheres.place, of_link[s])
+                    dx, dy, dz = (
+                        x + arm[0] - other[0],
+                        y + arm[1] - other[1],
+                        z + arm[2] - other[2],
                     )
-                    for k in range(3):
-                        apart = (q[i, k] - q[j, k]) - (center[i, k] - center[j, k])
-                        geometry.other_point[a, k] = geometry.point[a, k] + apart
-                    geometry.link[a], geometry.other_link[a] = i, j
-                    fill_contact_frame(frame[a], normal, axis)
-                a += 1
+                    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+                    gap = distance - radius - spheres.radius[of_link[s]]
+                    if gap <= tolerance or geometry.takes_part[a] == 1:
+                        closed[count] = a
+                        count += 1
+                        normal = dx / distance, dy / distance, dz / distance
+                        place_contact(contacts, a, gap, radius, beside(center[i], arm), normal)
+                        for k in range(3):
+                            apart = (q[i, k] - q[j, k]) - (center[i, k] - center[j, k])
+                            geometry.other_point[a, k] = geometry.point[a, k] + apart
+                        geometry.link[a], geometry.other_link[a] = i, j
+                        fill_contact_frame(frame[a], normal, axis)
+                    a += 1
     return count
 
 
 @inlined
-def on_axis(center: Array, arm: float, axis: Three) -> Three:
-    """Return the point of a link axis that is beside the center (3,) of the link by an arm [m]."""
+def on_axis(center: Three, arm: float, axis: Three) -> Three:
+    """Return the point of an axis that is beside a center by an arm [m]."""
     return center[0] + arm * axis[0], center[1] + arm * axis[1], center[2] + arm * axis[2]
+
+
+@inlined
+def beside(center: Array, lever: Three) -> Three:
+    """Return the point that is beside the center (3,) of a link by a lever [m]."""
+    return center[0] + lever[0], center[1] + lever[1], center[2] + lever[2]
 
 
 @inlined
@@ -451,7 +504,7 @@ def place_contact(
 
 
 @inlined
-def penetration(obstacles: Obstacles | None, offset: Array, radius: Array, q: Array) -> float:
+def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> float:
     """
     Return how deep the robot is in the floor or in an obstacle [m], 0 if it is in neither.
 
@@ -459,48 +512,70 @@ def penetration(obstacles: Obstacles | None, offset: Array, radius: Array, q: Ar
     ----------
     obstacles : Obstacles or None
         None on a flat floor; an argument of its own so that Numba leaves out the branch on None.
-    offset, radius : ndarray, shape (n,)
-        Distance of the contact spheres from the link center, and their radii [m].
+    robot : Mechanism
+        Spheres and capsules of its links.
     q : ndarray, shape (n, 7)
         Link centers [m, frame I] and unit Euler parameters.
 
     """
     if obstacles is None:
-        return floor_penetration(offset, radius, q)
-    return obstacle_penetration(obstacles, offset, radius, q)
+        return floor_penetration(robot.spheres, q)
+    return obstacle_penetration(obstacles, robot, q)
 
 
 @merged
-def obstacle_penetration(obstacles: Obstacles, offset: Array, radius: Array, q: Array) -> float:
+def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> float:
     """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
-    lowest = 0.0
-    for i in range(len(q)):
-        axis = axis_z(q, i)
-        for side in range(2):
-            arm = offset[i] if side == 0 else -offset[i]
-            x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
-            for k in range(4):
-                gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
-                lowest = min(lowest, gap)
+    spheres, lowest = robot.spheres, 0.0
+    for s in range(len(spheres.link)):
+        for k in range(4):
+            lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
+    for c in range(len(robot.capsules.link)):
         for k in range(len(obstacles.pegs)):
-            peg = obstacles.pegs[k, 0], obstacles.pegs[k, 1]
-            _, distance, _, _ = peg_contact((q[i, 0], q[i, 1]), (axis[0], axis[1]), offset[i], peg)
-            lowest = min(lowest, distance - obstacles.pegs[k, 2] - radius[i])
-        if obstacles.pair_count > 0:
-            for j in range(i + 2, len(q)):
-                for side in range(4):
-                    arm = offset[i] if side < 2 else -offset[i]
-                    other = offset[j] if side % 2 == 0 else -offset[j]
-                    square, beyond = 0.0, axis_z(q, j)
-                    for k in range(3):
-                        square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
-                    lowest = min(lowest, math.sqrt(square) - radius[i] - radius[j])
+            lowest = min(lowest, gap_to_peg(obstacles.pegs, robot.capsules, q, c, k))
+    if obstacles.pair_count > 0:
+        for s in range(len(spheres.link)):
+            for t in range(len(spheres.link)):
+                if spheres.link[t] > spheres.link[s] + 1:
+                    lowest = min(lowest, gap_of_spheres(spheres, q, s, t))
     return -lowest
 
 
 @inlined
+def gap_to_ground(obstacles: Obstacles, spheres: Spheres, q: Array, s: int, k: int) -> float:
+    """Return the gap of sphere s to the box below one of four cells; see `ground_contact`."""
+    i = spheres.link[s]
+    arm = carried_place(q, i, spheres.place, s)
+    x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
+    gap, _, _, _ = ground_contact(obstacles, x, y, z, spheres.radius[s], k)
+    return gap
+
+
+@inlined
+def gap_to_peg(pegs: Array, capsules: Capsules, q: Array, c: int, k: int) -> float:
+    """Return the gap of capsule c to peg k [m]."""
+    i = capsules.link[c]
+    lever, axis = carried_place(q, i, capsules.center, c), carried_place(q, i, capsules.axis, c)
+    middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
+    _, distance, _, _ = peg_contact(
+        middle, (axis[0], axis[1]), capsules.half[c], (pegs[k, 0], pegs[k, 1])
+    )
+    return distance - pegs[k, 2] - capsules.radius[c]
+
+
+@inlined
+def gap_of_spheres(spheres: Spheres, q: Array, s: int, t: int) -> float:
+    """Return the gap of two spheres of different links [m]."""
+    i, j, square = spheres.link[s], spheres.link[t], 0.0
+    arm, other = carried_place(q, i, spheres.place, s), carried_place(q, j, spheres.place, t)
+    for k in range(3):
+        square += (q[i, k] + arm[k] - q[j, k] - other[k]) ** 2
+    return math.sqrt(square) - spheres.radius[s] - spheres.radius[t]
+
+
+@inlined
 def gap_at(
-    obstacles: Obstacles | None, offset: Array, radius: Array, q: Array, contacts: Contacts, a: int
+    obstacles: Obstacles | None, robot: Mechanism, q: Array, contacts: Contacts, a: int
 ) -> float:
     """
     Return the gap of contact a [m], infinite where a cell has no contact.
@@ -508,36 +583,22 @@ def gap_at(
     Parameters are those of `penetration`, with the contacts: their links are read for
     contacts that have frames.
     """
-    n = len(q)
     if obstacles is None:
-        i, arm = (a, offset[a]) if a < n else (a - n, -offset[a - n])
-        return q[i, 2] + arm * axis_z(q, i)[2] - radius[i]
-    return obstacle_gap(obstacles, offset, radius, q, contacts, a)
+        return sphere_height(robot.spheres, q, a)
+    return obstacle_gap(obstacles, robot, q, contacts, a)
 
 
 @merged
 def obstacle_gap(
-    obstacles: Obstacles, offset: Array, radius: Array, q: Array, contacts: Contacts, a: int
+    obstacles: Obstacles, robot: Mechanism, q: Array, contacts: Contacts, a: int
 ) -> float:
     """Do what `gap_at` does, for a scene with more than a flat floor."""
-    n, i = len(q), contacts.geometry.link[a]
-    axis = axis_z(q, i)
+    spheres = robot.spheres
     if a >= obstacles.first_pair:
-        side, j = (a - obstacles.first_pair) % 4, contacts.geometry.other_link[a]
-        arm = offset[i] if side < 2 else -offset[i]
-        other = offset[j] if side % 2 == 0 else -offset[j]
-        beyond, square = axis_z(q, j), 0.0
-        for k in range(3):
-            square += (q[i, k] + arm * axis[k] - q[j, k] - other * beyond[k]) ** 2
-        return math.sqrt(square) - radius[i] - radius[j]
+        pair = obstacles.pairs[a - obstacles.first_pair]
+        return gap_of_spheres(spheres, q, pair[0], pair[1])
     if a >= obstacles.first_peg:
-        k = (a - obstacles.first_peg) // n
-        peg = obstacles.pegs[k, 0], obstacles.pegs[k, 1]
-        _, distance, _, _ = peg_contact((q[i, 0], q[i, 1]), (axis[0], axis[1]), offset[i], peg)
-        return distance - obstacles.pegs[k, 2] - radius[i]
-    block = a // n
-    side, k = (block, 0) if block < 2 else ((block - 2) // 3, (block - 2) % 3 + 1)
-    arm = offset[i] if side == 0 else -offset[i]
-    x, y, z = q[i, 0] + arm * axis[0], q[i, 1] + arm * axis[1], q[i, 2] + arm * axis[2]
-    gap, _, _, _ = ground_contact(obstacles, x, y, z, radius[i], k)
-    return gap
+        k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
+        return gap_to_peg(obstacles.pegs, robot.capsules, q, c, k)
+    k, s = divmod(a, len(spheres.link))
+    return gap_to_ground(obstacles, spheres, q, s, k)

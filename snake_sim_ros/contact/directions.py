@@ -35,9 +35,8 @@ def add_contact_wrench(
     if frame is not None:
         add_wrench_in_frames(closed, contacts, frame, wrench)
         return
-    n = len(wrench)
     for a in closed:
-        i = a if a < n else a - n
+        i = geometry.link[a]
         cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
         x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
         px = cx * solution.impulse[a, 1] - cy * solution.impulse[a, 2]
@@ -66,9 +65,8 @@ def contact_velocities(
     if frame is not None:
         velocities_in_frames(closed, contacts, frame, twist)
         return
-    n = len(twist)
     for a in closed:
-        i = a if a < n else a - n
+        i = geometry.link[a]
         cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
         x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
         wx, wy, wz = twist[i, 0], twist[i, 1], twist[i, 2]

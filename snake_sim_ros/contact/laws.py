@@ -265,14 +265,6 @@ def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
     return other.rolling if a >= other.first_peg else laws.rolling
 
 
-@inlined
-def link_of(other: OtherFriction | None, contacts: Contacts, n: int, a: int) -> int:
-    """Return the index of the link of contact a, for n links."""
-    if other is None:
-        return a if a < n else a - n
-    return contacts.geometry.link[a]
-
-
 @compiled
 def prox_half_line(x: float) -> float:
     """Return the nearest number that is not negative: Signorini's law, eqs. (52)-(54)."""
@@ -538,13 +530,12 @@ def apply_selection_rule(
 
     """
     solution, (press_speed, fall) = contacts.solution, speeds
-    n = len(mass)
     most = fastest = heaviest = 0.0
     for m in mass:
         heaviest += IMPACT_WEIGHTS * m * max(0.0, fall)
     for a in closed:
         stop = 0.5 * fall - 2.0 * solution.gamma[a, 0]
-        most = max(most, impulse[a, 0], mass[link_of(laws.other, contacts, n, a)] * stop)
+        most = max(most, impulse[a, 0], mass[contacts.geometry.link[a]] * stop)
         if impulse[a, 0] > 0.0:
             slip = max(abs(solution.gamma[a, 1]), abs(solution.gamma[a, 2]))
             fastest = max(fastest, abs(solution.gamma[a, 0]), slip)

@@ -254,9 +254,8 @@ def add_laws(
     if frame is not None:
         add_laws_in_frames(closed, contacts, frame, rolling, wrench, inertia)
         return
-    n = len(wrench)
     for a in closed:
-        i = a if a < n else a - n
+        i = contacts.geometry.link[a]
         add_point_law(contacts, a, wrench, inertia, i)
         if rolling:
             add_rolling_law(contacts, a, wrench, inertia, i)

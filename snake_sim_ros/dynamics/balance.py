@@ -6,9 +6,12 @@ The terms of the balance (75) of the links: inertia, momentum and joint torques,
 O is the center of the middle link; twists, wrenches and inertias are in axes of I.
 """
 
+from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import inlined, merged
 from snake_sim_ros.dynamics.joint_control import ControlMemory, held_torque, pd_law
+from snake_sim_ros.dynamics.kinematics import JointFrames
 from snake_sim_ros.dynamics.mechanism import Mechanism
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -62,9 +65,7 @@ def control_impulses(
 
 
 @inlined
-def axis_loads(
-    axis: Array, torque: Array, damping: Array, axis_torque: Array, axis_damping: Array
-) -> None:
+def axis_loads(places: JointPlaces, torque: Array, damping: Array, chain: Chain) -> None:
     """
     Fill the torques and damping of the controller in terms of the rates of the joint axes.
 
@@ -74,16 +75,15 @@ def axis_loads(
 
     Parameters
     ----------
-    axis : ndarray, shape (n-1, 2, 6)
-        Twists of the joint axes.
+    places : JointPlaces
     torque, damping : ndarray, shape (n-1, 2)
         Impulse [N m s] and impulse per rate [N m s^2] of yaw and pitch.
-    axis_torque : ndarray, shape (n-1, 2)
-        Filled with J T.
-    axis_damping : ndarray, shape (n-1, 3)
-        Filled with the entries 11, 12, 22 of J K J.
+    chain : Chain
+        The twists of its joint axes are read. Its torque is filled with J T, its damping with the
+        entries 11, 12, 22 of J K J.
 
     """
+    axis, axis_torque, axis_damping = chain.axis, chain.torque, chain.damping
     for j in range(len(axis)):
         c = 0.0
         for k in range(3):
@@ -93,17 +93,33 @@ def axis_loads(
         axis_damping[j, 0] = damping[j, 0] + c * c * damping[j, 1]
         axis_damping[j, 1] = c * (damping[j, 0] + damping[j, 1])
         axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
+    hold_absent_axes(places, chain)
 
 
 @inlined
-def joint_rates(R: Array, twist: Array, rate: Array) -> None:
+def hold_absent_axes(places: JointPlaces, chain: Chain) -> None:
+    """
+    Fill the loads of axes that a joint does not have.
+
+    Their twists are 0. With a damping of 1 N m s^2 and no torque, their rates are 0 and they add
+    nothing to what other axes and links feel.
+    """
+    if places.complete:
+        return
+    for j in range(len(chain.torque)):
+        for k in range(2):
+            if places.present[j, k] == 0.0:
+                chain.torque[j, k], chain.damping[j, 2 * k] = 0.0, 1.0
+
+
+@inlined
+def joint_rates(frames: JointFrames, twist: Array, rate: Array) -> None:
     """
     Fill the rates of all joints.
 
     Parameters
     ----------
-    R : ndarray, shape (n, 3, 3)
-        Link frames in I.
+    frames : JointFrames
     twist : ndarray, shape (n, 6)
         Twists of the links.
     rate : ndarray, shape (n-1, 2)
@@ -114,8 +130,8 @@ def joint_rates(R: Array, twist: Array, rate: Array) -> None:
         yaw_rate = pitch_rate = 0.0
         for k in range(3):
             relative = twist[j + 1, k] - twist[j, k]
-            yaw_rate += R[j, k, 1] * relative
-            pitch_rate += R[j + 1, k, 0] * relative
+            yaw_rate += frames.inner[j, k, 1] * relative
+            pitch_rate += frames.outer[j, k, 0] * relative
         rate[j, 0], rate[j, 1] = yaw_rate, pitch_rate
 
 
@@ -155,6 +171,19 @@ def link_inertia(robot: Mechanism, R: Array, center: Array, inertia: Array) -> N
         A[1, 5] = A[5, 1] = -m * x
         A[2, 3] = A[3, 2] = -m * y
         A[2, 4] = A[4, 2] = m * x
+        if not robot.slender:
+            add_uneven_inertia(R[i], robot.uneven[i], A)
+
+
+@inlined
+def add_uneven_inertia(R: Array, uneven: Array, A: Array) -> None:
+    """Add ``R T R^T`` to an inertia A about O, with what the inertia of a link has besides."""
+    for k in range(3):
+        a0 = R[k, 0] * uneven[0, 0] + R[k, 1] * uneven[1, 0] + R[k, 2] * uneven[2, 0]
+        a1 = R[k, 0] * uneven[0, 1] + R[k, 1] * uneven[1, 1] + R[k, 2] * uneven[2, 1]
+        a2 = R[k, 0] * uneven[0, 2] + R[k, 1] * uneven[1, 2] + R[k, 2] * uneven[2, 2]
+        for j in range(3):
+            A[k, j] += a0 * R[j, 0] + a1 * R[j, 1] + a2 * R[j, 2]
 
 
 @inlined
@@ -193,6 +222,17 @@ def smooth_momentum(
         lx = robot.inertia_transversal[i] * u[i, 3] - slender * wy * wz
         ly = robot.inertia_transversal[i] * u[i, 4] + slender * wz * wx
         lz = robot.inertia_axial[i] * u[i, 5]
+        if not robot.slender:
+            T = robot.uneven[i]
+            lx += T[0, 0] * u[i, 3] + T[0, 1] * u[i, 4] + T[0, 2] * u[i, 5]
+            ly += T[1, 0] * u[i, 3] + T[1, 1] * u[i, 4] + T[1, 2] * u[i, 5]
+            lz += T[2, 0] * u[i, 3] + T[2, 1] * u[i, 4] + T[2, 2] * u[i, 5]
+            hx = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz
+            hy = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz
+            hz = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz
+            lx -= dt * (wy * hz - wz * hy)
+            ly -= dt * (wz * hx - wx * hz)
+            lz -= dt * (wx * hy - wy * hx)
         px = robot.mass[i] * (u[i, 0] + dt * robot.gravity[0])
         py = robot.mass[i] * (u[i, 1] + dt * robot.gravity[1])
         pz = robot.mass[i] * (u[i, 2] + dt * robot.gravity[2])

@@ -14,7 +14,6 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.dynamics.force_directions import mass_matrix
 from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.posture import joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -28,31 +27,33 @@ def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
 
     Coordinates have the shape (..., n, 7), velocities (..., n, 6).
     """
-    inertia = np.diag(mass_matrix(scene.robot)).reshape(-1, 6)
-    potential = -inertia[:, 0] * (q[..., :3] @ np.array(scene.gravity))
-    return np.asarray(0.5 * (inertia * u**2).sum(axis=(-2, -1)) + potential.sum(axis=-1))
+    chain = scene.robot.chain
+    potential = -chain.mass * (q[..., :3] @ np.array(scene.gravity))
+    momentum = np.einsum('ijk,...ik->...ij', chain.inertia, u[..., 3:])
+    kinetic = chain.mass[:, None] * u[..., :3] ** 2 + momentum * u[..., 3:]
+    return np.asarray(0.5 * kinetic.sum(axis=(-2, -1)) + potential.sum(axis=-1))
 
 
 def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     """
-    Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, front ones first, eqs. (17)-(31).
+    Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, eqs. (17)-(31).
 
-    Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., 2n, 3)
-    [m/s].
+    Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., m, 3)
+    [m/s] for m contacts.
     """
-    R = rotation_matrices(q[..., 3:])
-    omega = (R @ u[..., 3:, None])[..., 0]
-    along = R[..., :, 2]
-    lever = robot.per_link('contact_offset')[:, None] * along
-    below = robot.per_link('contact_radius')[:, None] * np.array([0.0, 0.0, 1.0])
-    ends = [u[..., :3] + np.cross(omega, sign * lever - below) for sign in (1, -1)]
+    spheres, R = robot.chain.spheres, rotation_matrices(q[..., 3:])
+    omega = (R @ u[..., 3:, None])[..., spheres.link, :, 0]
+    along, lever = (
+        R[..., spheres.link, :, 2],
+        np.einsum('...aij,aj->...ai', R[..., spheres.link, :, :], spheres.place),
+    )
+    below = spheres.radius[:, None] * np.array([0.0, 0.0, 1.0])
+    v = u[..., spheres.link, :3] + np.cross(omega, lever - below)
     heading = along[..., :2] / np.linalg.norm(along[..., :2], axis=-1, keepdims=True)
     left = np.stack([-heading[..., 1], heading[..., 0]], axis=-1)
-    gammas = [
-        np.stack([v[..., 2], (v[..., :2] * heading).sum(-1), (v[..., :2] * left).sum(-1)], axis=-1)
-        for v in ends
-    ]
-    return np.concatenate(gammas, axis=-2)
+    return np.stack(
+        [v[..., 2], (v[..., :2] * heading).sum(-1), (v[..., :2] * left).sum(-1)], axis=-1
+    )
 
 
 def work_of_steps(
@@ -82,7 +83,7 @@ def work_of_steps(
     middle[..., 3:] /= np.linalg.norm(middle[..., 3:], axis=-1, keepdims=True)
     gamma = floor_contact_velocities(scene.robot, middle, mean)
     contacts = (impulse * gamma).sum(axis=(1, 2))
-    joints = scene.dt * (torque * joint_rates(middle, mean)).sum(axis=(1, 2))
+    joints = scene.dt * (torque * joint_rates(middle, mean, scene.robot)).sum(axis=(1, 2))
     return contacts, joints
 
 

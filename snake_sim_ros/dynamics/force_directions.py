@@ -25,10 +25,10 @@ def link_rows(i: int) -> slice:
     return slice(6 * i, 6 * i + 6)
 
 
-def contact_lever(robot: Robot, R: Array, i: int, sign: int) -> Array:
-    """Return r_GC, link center to contact point, eq. (14) [m, frame I]; sign 1 front, -1 rear."""
-    offset = sign * robot.per_link('contact_offset')[i] * R[i] @ E_Z
-    return np.asarray(offset - robot.per_link('contact_radius')[i] * E_Z)
+def contact_lever(robot: Robot, R: Array, a: int) -> Array:
+    """Return r_GC of contact a with the floor, link center to contact point, eq. (14) [m, I]."""
+    spheres = robot.chain.spheres
+    return np.asarray(R[spheres.link[a]] @ spheres.place[a] - spheres.radius[a] * E_Z)
 
 
 def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
@@ -50,25 +50,25 @@ def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
 
     Returns
     -------
-    W_N : ndarray, shape (6n, 2n)
-        ``gamma_N = W_N^T u``: normal velocities [m/s].
-    W_T : ndarray, shape (6n, 4n)
+    W_N : ndarray, shape (6n, m)
+        ``gamma_N = W_N^T u``: normal velocities [m/s], of m contacts, 2n of Aiko.
+    W_T : ndarray, shape (6n, 2m)
         ``gamma_T = W_T^T u``: sliding velocities along and across the link [m/s].
-    W_V : ndarray, shape (6n, 4n)
+    W_V : ndarray, shape (6n, 2m)
         ``gamma_V = W_V^T u``: rolling velocities along e_x, e_y of I [m/s].
 
     """
-    n = robot.link_count
-    W_N, W_T, W_V = np.zeros((6 * n, 2 * n)), np.zeros((6 * n, 4 * n)), np.zeros((6 * n, 4 * n))
-    for a in range(2 * n):
-        i, sign = a % n, 1 if a < n else -1
-        r_GC = contact_lever(robot, R, i, sign)
+    rows, spheres = 6 * robot.link_count, robot.chain.spheres
+    m = len(spheres.link)
+    W_N, W_T, W_V = np.zeros((rows, m)), np.zeros((rows, 2 * m)), np.zeros((rows, 2 * m))
+    for a, i in enumerate(spheres.link):
+        r_GC = contact_lever(robot, R, a)
         e_x, e_y = contact_frame(R, i)
         W_N[link_rows(i), a] = point_direction(R[i], r_GC, E_Z)
         W_T[link_rows(i), 2 * a] = point_direction(R[i], r_GC, e_x)
         W_T[link_rows(i), 2 * a + 1] = point_direction(R[i], r_GC, e_y)
         D = np.column_stack([E_X, E_Y])
-        r_CS = robot.per_link('contact_radius')[i] * E_Z
+        r_CS = spheres.radius[a] * E_Z
         W_V[6 * i + 3 : 6 * i + 6, 2 * a : 2 * a + 2] = (D.T @ tilde(r_CS) @ R[i]).T
     return W_N, W_T, W_V
 
@@ -105,7 +105,7 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     i_2, j_2 = i[pairs], j[pairs]
     arm = q[i_2, :3] + lever[pairs] - q[j_2, :3]
     W[pairs, :, j_2] = -_point_directions(R[j_2], arm, frame[pairs])
-    r_CS = robot.per_link('contact_radius')[i, None] * frame[:, 0]
+    r_CS = obstacles.contact_radii(scene)[:, None] * frame[:, 0]
     rolling[a, :, i, 3:] = -np.cross(r_CS[:, None], frame[:, 1:]) @ R[i]
     W_N, W_T, W_V = (part.reshape(-1, 6 * len(R)).T for part in (W[:, 0], W[:, 1:], rolling))
     return gap, W_N, W_T, W_V
@@ -118,55 +118,97 @@ def scene_gaps(scene: Scene, q: Array) -> Array:
     return obstacles.contact_geometry(scene, q)[0]
 
 
+def joint_normals(robot: Robot, R: Array, j: int) -> list[tuple[Array, Array]]:
+    """
+    Return the axes in I that the constraints of joint j hold at right angles, eq. (13).
+
+    The first of a pair belongs to link j, the second to link j+1. A joint with one axis has two
+    pairs, by which nothing turns about the other axis.
+    """
+    places = robot.chain.places
+    inner, outer = R[j] @ places.inner[j], R[j + 1] @ places.outer[j]
+    pairs = [(inner[:, 1], outer[:, 0])]
+    if places.present[j, 0] == 0.0:
+        pairs.append((inner[:, 2], outer[:, 0]))
+    elif places.present[j, 1] == 0.0:
+        pairs.append((inner[:, 1], outer[:, 2]))
+    return pairs
+
+
 def joint_gaps(robot: Robot, q: Array) -> Array:
-    """Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1]."""
-    R, half = rotation_matrices(q[:, 3:]), robot.per_link('link_length') / 2
-    g_J = np.zeros((robot.link_count - 1, 4))
-    for i in range(robot.link_count - 1):
-        r_JF = q[i, :3] + half[i] * R[i] @ E_Z
-        r_JR = q[i + 1, :3] - half[i + 1] * R[i + 1] @ E_Z
-        g_J[i, :3] = r_JF - r_JR
-        g_J[i, 3] = (R[i] @ E_Y) @ (R[i + 1] @ E_X)
+    """
+    Return the joint violations g_J, eqs. (11)-(13), shape (n-1, 4) [m, m, m, 1].
+
+    If any joint has one axis, there is a fifth column, 0 for joints with two.
+    """
+    R, places = rotation_matrices(q[:, 3:]), robot.chain.places
+    g_J = np.zeros((robot.link_count - 1, 4 if places.complete else 5))
+    for j in range(robot.link_count - 1):
+        r_JF = q[j, :3] + R[j] @ places.distal[j]
+        r_JR = q[j + 1, :3] + R[j + 1] @ places.proximal[j + 1]
+        g_J[j, :3] = r_JF - r_JR
+        for k, (a, b) in enumerate(joint_normals(robot, R, j)):
+            g_J[j, 3 + k] = a @ b
     return g_J
 
 
 def joint_directions(robot: Robot, R: Array) -> Array:
-    """Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1))."""
-    n, half = robot.link_count, robot.per_link('link_length') / 2
-    W_J = np.zeros((6 * n, 4 * (n - 1)))
-    for i in range(n - 1):
-        for k, e_chi in enumerate((E_X, E_Y, E_Z)):
-            W_J[link_rows(i), 4 * i + k] = point_direction(R[i], half[i] * R[i] @ E_Z, e_chi)
-            arm = -half[i + 1] * R[i + 1] @ E_Z
-            W_J[link_rows(i + 1), 4 * i + k] = -point_direction(R[i + 1], arm, e_chi)
-        normal = cross(R[i] @ E_Y, R[i + 1] @ E_X)
-        W_J[6 * i + 3 : 6 * i + 6, 4 * i + 3] = R[i].T @ normal
-        W_J[6 * i + 9 : 6 * i + 12, 4 * i + 3] = -R[i + 1].T @ normal
-    return W_J
-
-
-def torque_directions(R: Array) -> Array:
     """
-    Return W_tau, so that the rates of (yaw, pitch) are ``W_tau^T u``, shape (6n, 2(n-1)).
+    Return W_J, eqs. (38)-(43), so that ``dg_J/dt = W_J^T u``, shape (6n, 4(n-1)).
 
-    Yaw turns about e_y of link i, pitch about e_x of link i+1; a joint torque acts on link i+1
-    and, with the opposite sign, on link i.
+    A joint with one axis has five columns instead of four.
     """
-    n = len(R)
+    n, places, columns = robot.link_count, robot.chain.places, []
+    for j in range(n - 1):
+        for e_chi in (E_X, E_Y, E_Z):
+            w = np.zeros(6 * n)
+            w[link_rows(j)] = point_direction(R[j], R[j] @ places.distal[j], e_chi)
+            arm = R[j + 1] @ places.proximal[j + 1]
+            w[link_rows(j + 1)] = -point_direction(R[j + 1], arm, e_chi)
+            columns.append(w)
+        for a, b in joint_normals(robot, R, j):
+            w, normal = np.zeros(6 * n), cross(a, b)
+            w[6 * j + 3 : 6 * j + 6] = R[j].T @ normal
+            w[6 * j + 9 : 6 * j + 12] = -R[j + 1].T @ normal
+            columns.append(w)
+    return np.array(columns).reshape(-1, 6 * n).T
+
+
+def torque_directions(robot: Robot, R: Array) -> Array:
+    """
+    Return W_tau, so that the rates of the axes are ``W_tau^T u``, shape (6n, 2(n-1)).
+
+    Yaw turns about e_y of the inner frame of a joint, pitch about e_x of its outer frame; a joint
+    torque acts on link i+1 and, with the opposite sign, on link i. Of an axis that a joint does
+    not have, the column is 0.
+    """
+    n, places = len(R), robot.chain.places
     W_tau = np.zeros((6 * n, 2 * (n - 1)))
     for i in range(n - 1):
-        for k, axis in enumerate((R[i] @ E_Y, R[i + 1] @ E_X)):
-            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -R[i].T @ axis
-            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = R[i + 1].T @ axis
+        axes = R[i] @ places.inner[i][:, 1], R[i + 1] @ places.outer[i][:, 0]
+        for k, axis in enumerate(axes):
+            W_tau[6 * i + 3 : 6 * i + 6, 2 * i + k] = -places.present[i, k] * R[i].T @ axis
+            W_tau[6 * i + 9 : 6 * i + 12, 2 * i + k] = places.present[i, k] * R[i + 1].T @ axis
     return W_tau
 
 
 def mass_matrix(robot: Robot) -> Array:
-    """Return M, eqs. (47), (48), shape (6n, 6n): constant and diagonal."""
-    m, theta_1, theta_3 = (
-        robot.per_link(name) for name in ('link_mass', 'inertia_transversal', 'inertia_axial')
-    )
-    return np.diag(np.column_stack([m, m, m, theta_1, theta_1, theta_3]).ravel())
+    """Return M, eqs. (47), (48), shape (6n, 6n): constant, and diagonal for Aiko."""
+    chain, n = robot.chain, robot.link_count
+    M = np.zeros((6 * n, 6 * n))
+    for i in range(n):
+        M[6 * i : 6 * i + 3, 6 * i : 6 * i + 3] = chain.mass[i] * np.eye(3)
+        M[6 * i + 3 : 6 * i + 6, 6 * i + 3 : 6 * i + 6] = chain.inertia[i]
+    return M
+
+
+def over_mass(robot: Robot, W: Array) -> Array:
+    """Return ``M^-1 W``, shape (6n, k)."""
+    M = mass_matrix(robot)
+    diagonal = np.diag(M)
+    if np.count_nonzero(M) == len(M):
+        return (1.0 / diagonal)[:, None] * W
+    return np.linalg.solve(M, W)
 
 
 @lru_cache(maxsize=64)
@@ -178,26 +220,24 @@ def mean_delassus(robot: Robot) -> float:
     section 7.3. The compliance of the selection rule is relative to this number, which is the same
     in all postures.
     """
-    R = np.tile(rotation_matrices(np.full((1, 4), 0.5)), (robot.link_count, 1, 1))
-    M_inv, W_J = 1.0 / np.diag(mass_matrix(robot))[:, None], joint_directions(robot, R)
-    W_N, _, _ = contact_directions(robot, R)
-    G = W_N.T @ (M_inv * W_N)
+    angle = np.zeros((robot.link_count - 1, 2))
+    R = rotation_matrices(posture.chain_coordinates(robot, angle)[:, 3:])
+    W_J, (W_N, _, _) = joint_directions(robot, R), contact_directions(robot, R)
+    accelerated = over_mass(robot, W_N)
+    G = W_N.T @ accelerated
     if robot.link_count > 1:
-        G_JN = W_J.T @ (M_inv * W_N)
-        G -= G_JN.T @ np.linalg.solve(W_J.T @ (M_inv * W_J), G_JN)
+        G_JN = W_J.T @ accelerated
+        G -= G_JN.T @ np.linalg.solve(W_J.T @ over_mass(robot, W_J), G_JN)
     return float(np.mean(np.diag(G)))
 
 
 def smooth_forces(robot: Robot, gravity: Array, u: Array) -> Array:
     """Return h(u): gravity and gyroscopic torque -omega x Theta omega, shape (6n,)."""
-    h = np.zeros_like(u)
-    for i, m in enumerate(robot.per_link('link_mass')):
-        theta_1, theta_3 = (
-            robot.per_link(name)[i] for name in ('inertia_transversal', 'inertia_axial')
-        )
+    h, chain = np.zeros_like(u), robot.chain
+    for i, m in enumerate(chain.mass):
         omega = u[i, 3:]
         h[i, :3] = m * gravity
-        h[i, 3:] = -tilde(omega) @ (np.array([theta_1, theta_1, theta_3]) * omega)
+        h[i, 3:] = -tilde(omega) @ (chain.inertia[i] @ omega)
     return h.ravel()
 
 

@@ -3,8 +3,9 @@
 """
 How far the joints are open, eqs. (11)-(13), and how they are closed, section VII-C.
 
-Arrays are those of `kinematics`: half of the link lengths, coordinates q with unit Euler
-parameters, velocities u, link frames R and angular velocities omega in I.
+Arrays are those of `kinematics`: coordinates q with unit Euler parameters, velocities u, link
+frames R and angular velocities omega in I. A joint with one axis has a constraint more, by which
+the axis that it does not have is held.
 
 A stop of a joint bounds the rate of an axis as it is at the middle of the step. While the robot
 turns, the angle at the end of the step differs from that of this rate by terms of the order
@@ -15,7 +16,16 @@ joints: an angle at its stop does not grow in a step.
 import math
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
-from snake_sim_ros.dynamics.kinematics import axis_x, axis_y, axis_z
+from snake_sim_ros.dynamics.kinematics import (
+    axis_x,
+    axis_y,
+    axis_z,
+    carried,
+    carried_part,
+    carried_place,
+    JointFrames,
+    JointPlaces,
+)
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS
 
@@ -23,44 +33,99 @@ SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding
 PAPER, CENTER_OF_MASS, NONE = range(len(DRIFT_CORRECTIONS))
 
 
+# ---- frames of the joints -----------------------------------------------------------------------
+
+
 @inlined
-def joint_violation(half_length: Array, q: Array) -> tuple[float, float]:
+def inner_axis(places: JointPlaces, q: Array, j: int, k: int) -> Three:
+    """Return e_y, k = 1, or e_z, k = 2, of the frame of joint j in the link before it, in I."""
+    if places.aligned:
+        return axis_y(q, j) if k == 1 else axis_z(q, j)
+    D = places.inner
+    return carried(q, j, D[j, 0, k], D[j, 1, k], D[j, 2, k])
+
+
+@inlined
+def outer_axis(places: JointPlaces, q: Array, j: int, k: int) -> Three:
+    """Return e_x, k = 0, or e_z, k = 2, of the frame of joint j in the link after it, in I."""
+    if places.aligned:
+        return axis_x(q, j + 1) if k == 0 else axis_z(q, j + 1)
+    D = places.outer
+    return carried(q, j + 1, D[j, 0, k], D[j, 1, k], D[j, 2, k])
+
+
+# ---- violations ---------------------------------------------------------------------------------
+
+
+@inlined
+def joint_violation(places: JointPlaces, q: Array) -> tuple[float, float]:
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
     for j in range(len(q) - 1):
-        a, b = axis_z(q, j), axis_z(q, j + 1)
+        a, b = (
+            carried_place(q, j, places.distal, j),
+            carried_place(q, j + 1, places.proximal, j + 1),
+        )
         for k in range(3):
-            chained = q[j, k] + half_length[j] * a[k] + half_length[j + 1] * b[k]
-            gap = max(gap, abs(chained - q[j + 1, k]))
-        twist = max(twist, abs(joint_twist(q, j)))
+            gap = max(gap, abs(q[j, k] + a[k] - b[k] - q[j + 1, k]))
+        twist = max(twist, abs(along(inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))))
+        if places.present[j, 0] == 0.0:
+            twist = max(
+                twist, abs(along(inner_axis(places, q, j, 2), outer_axis(places, q, j, 0)))
+            )
+        elif places.present[j, 1] == 0.0:
+            twist = max(
+                twist, abs(along(inner_axis(places, q, j, 1), outer_axis(places, q, j, 2)))
+            )
     return gap, twist
 
 
 @inlined
-def joint_violation_rate(half_length: Array, R: Array, u: Array, omega: Array) -> float:
+def joint_violation_rate(
+    places: JointPlaces, R: Array, frames: JointFrames, u: Array, omega: Array
+) -> float:
     """
     Return the fastest rate of joint violations at given velocities [m/s], eqs. (38)-(41).
 
-    The rate of the angle counts as the speed of a point half a link away. Of `u`, only the
-    velocities of the link centers count.
+    The rate of an angle counts as the speed of a point that is as far from the joint as the center
+    of the link before it. Of `u`, only the velocities of the link centers count.
     """
-    fastest = 0.0
+    fastest, inner, outer = 0.0, frames.inner, frames.outer
     for j in range(len(R) - 1):
+        square = 0.0
         for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            inner = omega[j, r] * R[j, s, 2] - omega[j, s] * R[j, r, 2]
-            outer = omega[j + 1, r] * R[j + 1, s, 2] - omega[j + 1, s] * R[j + 1, r, 2]
-            chained = u[j, k] + half_length[j] * inner + half_length[j + 1] * outer
-            fastest = max(fastest, abs(u[j + 1, k] - chained))
-        twist = 0.0
-        for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            normal = R[j, r, 1] * R[j + 1, s, 0] - R[j, s, 1] * R[j + 1, r, 0]
-            twist += normal * (omega[j + 1, k] - omega[j, k])
-        fastest = max(fastest, half_length[j] * abs(twist))
+            before_r = carried_part(R, j, places.distal, j, r)
+            before_s = carried_part(R, j, places.distal, j, s)
+            after_r = carried_part(R, j + 1, places.proximal, j + 1, r)
+            after_s = carried_part(R, j + 1, places.proximal, j + 1, s)
+            before = omega[j, r] * before_s - omega[j, s] * before_r
+            after = omega[j + 1, r] * after_s - omega[j + 1, s] * after_r
+            fastest = max(fastest, abs(u[j + 1, k] - (u[j, k] + before - after)))
+            square += before_r * before_r
+        twist = relative_rate(inner, outer, omega, j, 1, 0)
+        if places.present[j, 0] == 0.0:
+            twist = max(twist, relative_rate(inner, outer, omega, j, 2, 0))
+        elif places.present[j, 1] == 0.0:
+            twist = max(twist, relative_rate(inner, outer, omega, j, 1, 2))
+        fastest = max(fastest, math.sqrt(square) * twist)
     return fastest
 
 
 @inlined
-def close_joints(rule: int, half_length: Array, mass: Array, furthest: Array, q: Array) -> None:
+def relative_rate(inner: Array, outer: Array, omega: Array, j: int, a: int, b: int) -> float:
+    """Return how fast column a of an inner frame leaves the plane normal to b of an outer one."""
+    rate = 0.0
+    for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        normal = inner[j, r, a] * outer[j, s, b] - inner[j, s, a] * outer[j, r, b]
+        rate += normal * (omega[j + 1, k] - omega[j, k])
+    return abs(rate)
+
+
+# ---- correction ---------------------------------------------------------------------------------
+
+
+@inlined
+def close_joints(rule: int, places: JointPlaces, mass: Array, furthest: Array, q: Array) -> None:
     """
     Remove the joint drift, section VII-C: link by link from the first one, which stays in place.
 
@@ -76,8 +141,9 @@ def close_joints(rule: int, half_length: Array, mass: Array, furthest: Array, q:
     ----------
     rule : int
         PAPER, CENTER_OF_MASS or NONE.
-    half_length, mass : ndarray, shape (n,)
-        Half of the link lengths [m], and masses of the links [kg].
+    places : JointPlaces
+    mass : ndarray, shape (n,)
+        Masses of the links [kg].
     furthest : ndarray, shape (n-1, 2)
         Largest joint angles to either side, see `furthest_angle`.
     q : ndarray, shape (n, 7)
@@ -90,12 +156,15 @@ def close_joints(rule: int, half_length: Array, mass: Array, furthest: Array, q:
     for i in range(len(q)):
         x, y, z = q[i, 0], q[i, 1], q[i, 2]
         if i > 0:
-            square_axes(q, i - 1)
-            if furthest[i - 1, 0] < math.inf or furthest[i - 1, 1] < math.inf:
-                turn_back(q, i - 1, furthest)
-            a, b = axis_z(q, i - 1), axis_z(q, i)
+            j = i - 1
+            square_axes(q, i, inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))
+            if not places.complete:
+                hold_absent_axis(places, q, j)
+            if furthest[j, 0] < math.inf or furthest[j, 1] < math.inf:
+                turn_back(places, q, j, furthest)
+            a, b = carried_place(q, j, places.distal, j), carried_place(q, i, places.proximal, i)
             for k in range(3):
-                q[i, k] = q[i - 1, k] + half_length[i - 1] * a[k] + half_length[i] * b[k]
+                q[i, k] = q[j, k] + a[k] - b[k]
         moment_x += mass[i] * (q[i, 0] - x)
         moment_y += mass[i] * (q[i, 1] - y)
         moment_z += mass[i] * (q[i, 2] - z)
@@ -108,16 +177,15 @@ def close_joints(rule: int, half_length: Array, mass: Array, furthest: Array, q:
 
 
 @merged
-def square_axes(q: Array, j: int) -> None:
+def square_axes(q: Array, i: int, a: Three, b: Three) -> None:
     """
-    Turn link j+1 until its e_x is at right angles to e_y of link j.
+    Turn link i until its unit vector b is at right angles to the unit vector a; both are in I.
 
-    About their common normal n = e_y x e_x this is the angle with the sine g_Jphi and the cosine
-    abs(n). Half of the angle is found without computing it: its cosine c, and its sine over
+    About their common normal n = a x b this is the angle with the sine a b, eq. (13), and the
+    cosine abs(n). Half of the angle is found without computing it: its cosine c, and its sine over
     abs(n). For the small angles of a step these are the first terms of their series, since each
     joint has to wait for the one before.
     """
-    a, b = axis_y(q, j), axis_x(q, j + 1)
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     sine = along(a, b)
     square = sine * sine
@@ -128,7 +196,16 @@ def square_axes(q: Array, j: int) -> None:
         cosine = math.sqrt(x * x + y * y + z * z)
         c = math.sqrt(0.5 * (1.0 + cosine))
         s = sine / (2.0 * c * cosine)
-    turn_link(q, j + 1, c, s * x, s * y, s * z)
+    turn_link(q, i, c, s * x, s * y, s * z)
+
+
+@inlined
+def hold_absent_axis(places: JointPlaces, q: Array, j: int) -> None:
+    """Turn link j+1 back about the axis that joint j does not have, if there is one."""
+    if places.present[j, 0] == 0.0:
+        square_axes(q, j + 1, inner_axis(places, q, j, 2), outer_axis(places, q, j, 0))
+    elif places.present[j, 1] == 0.0:
+        square_axes(q, j + 1, inner_axis(places, q, j, 1), outer_axis(places, q, j, 2))
 
 
 @inlined
@@ -144,24 +221,21 @@ def turn_link(q: Array, i: int, c: float, x: float, y: float, z: float) -> None:
 
 
 @inlined
-def joint_twist(q: Array, j: int) -> float:
-    """Return e_y of link j times e_x of link j+1: g_Jphi, eq. (13)."""
-    return along(axis_y(q, j), axis_x(q, j + 1))
-
-
-@inlined
 def along(a: Three, b: Three) -> float:
     """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
-def furthest_angle(stop: float, q: Array, j: int, k: int, middle: float) -> float:
+def furthest_angle(
+    places: JointPlaces, stop: float, q: Array, j: int, k: int, middle: float
+) -> float:
     """
     Return the largest angle of axis k of joint j, to either side, after a step of the paper [rad].
 
     Parameters
     ----------
+    places : JointPlaces
     stop : float
         Where the stop is [rad].
     q : ndarray, shape (n, 7)
@@ -179,27 +253,40 @@ def furthest_angle(stop: float, q: Array, j: int, k: int, middle: float) -> floa
     """
     if not abs(middle) >= stop:
         return math.inf
-    start = abs(joint_angle(q, j, k))
+    start = abs(joint_angle(places, q, j, k))
     return start if start >= stop else abs(middle)
 
 
 @compiled
-def joint_angle(q: Array, j: int, k: int) -> float:
+def joint_angle(places: JointPlaces, q: Array, j: int, k: int) -> float:
     """Return the angle of axis k of joint j, eq. (66) [rad]."""
     if k == 0:
-        a, b, c = axis_z(q, j), axis_x(q, j), axis_x(q, j + 1)
+        a, b, c = (
+            axis_of(places.inner, q, j, j, 2),
+            axis_of(places.inner, q, j, j, 0),
+            (axis_of(places.outer, q, j, j + 1, 0)),
+        )
         return math.atan2(-along(a, c), along(b, c))
-    a, b, c = axis_y(q, j), axis_y(q, j + 1), axis_z(q, j + 1)
+    a = axis_of(places.inner, q, j, j, 1)
+    b, c = axis_of(places.outer, q, j, j + 1, 1), axis_of(places.outer, q, j, j + 1, 2)
     return math.atan2(-along(a, c), along(a, b))
 
 
+@inlined
+def axis_of(frame: Array, q: Array, j: int, i: int, k: int) -> Three:
+    """Return axis k in I of the frame of joint j in link i."""
+    return carried(q, i, frame[j, 0, k], frame[j, 1, k], frame[j, 2, k])
+
+
 @compiled
-def turn_back(q: Array, j: int, furthest: Array) -> None:
+def turn_back(places: JointPlaces, q: Array, j: int, furthest: Array) -> None:
     """Turn link j+1 about the axes of joint j until its angles are at most `furthest`."""
     for k in range(2):
-        angle = joint_angle(q, j, k)
+        if not abs(furthest[j, k]) < math.inf:
+            continue
+        angle = joint_angle(places, q, j, k)
         if abs(angle) > furthest[j, k]:
             half = 0.5 * (math.copysign(furthest[j, k], angle) - angle)
-            x, y, z = axis_y(q, j) if k == 0 else axis_x(q, j + 1)
+            x, y, z = inner_axis(places, q, j, 1) if k == 0 else outer_axis(places, q, j, 0)
             s = math.sin(half)
             turn_link(q, j + 1, math.cos(half), s * x, s * y, s * z)

@@ -256,14 +256,15 @@ def begin_axis_impact(
 
 @merged
 def begin_joint_laws(
-    laws: JointLaws, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array], q: Array
+    robot: Any, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array], q: Array
 ) -> None:
     """
     Begin a step of the paper of dt [s] with the laws of the joints.
 
     Parameters
     ----------
-    laws : JointLaws
+    robot : mechanism.Mechanism
+        Laws and places of its joints.
     axes : AxisLaws
         Filled.
     dt : float
@@ -276,13 +277,13 @@ def begin_joint_laws(
         Coordinates at the start of the step.
 
     """
-    torque, damping = loads
+    (torque, damping), laws = loads, robot.joint_laws
     for j in range(len(axes.rate)):
         for k in range(2):
             axes.torque[j, k], axes.damping[j, k] = torque[j, k], damping[j, k]
             axes.rate[j, k] = mid[j, k, 1]
             begin_axis(laws, axes, dt, j, k)
-            axes.furthest[j, k] = furthest_angle(laws.stop, q, j, k, mid[j, k, 0])
+            axes.furthest[j, k] = furthest_angle(robot.places, laws.stop, q, j, k, mid[j, k, 0])
             if mid[j, k, 0] >= laws.stop:
                 axes.high[j, k] = 0.0
             elif mid[j, k, 0] <= -laws.stop:

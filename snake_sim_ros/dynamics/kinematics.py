@@ -12,20 +12,52 @@ The arrays of n links are:
 - `q`, shape (n, 7), and `u`, shape (n, 6): coordinates and velocities.
 - `R`, shape (n, 3, 3): link frames in I.
 - `omega`, shape (n, 3): angular velocities in I [rad/s].
-- `half_length`, shape (n,): half of the link lengths [m].
 - `center`, shape (n, 3): link centers from O, the center of the middle link, in axes of I [m].
 - `twist`, shape (n, 6): angular velocities [rad/s] and velocities at O [m/s], in axes of I.
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, Pack, pair
 from snake_sim_ros.dynamics.spatial_vectors import Three
+from snake_sim_ros.scene.chain import JointPlaces, Spheres
 from snake_sim_ros.scene.parameters import Array
 
 FLAT_GAP = 1e-4  # largest gap, and depth, of a robot that lies flat [m]
 FLAT_TILT = 1e-3  # its largest roll [rad]
 STILL_SPEED = 1e-3  # largest vertical and rolling speed of a robot that lies still [m/s]
+
+
+class JointFrames(NamedTuple):
+    """The frames of the joints in I, those in the link before and those in the link after."""
+
+    inner: Array  # (n-1, 3, 3)
+    outer: Array  # (n-1, 3, 3)
+
+
+def make_joint_frames(places: JointPlaces, R: Array) -> JointFrames:
+    """Return the frames of joints in links with the frames R (n, 3, 3), to be filled."""
+    if places.aligned:
+        return JointFrames(R[:-1], R[1:])
+    return JointFrames(np.zeros((len(R) - 1, 3, 3)), np.zeros((len(R) - 1, 3, 3)))
+
+
+@inlined
+def joint_frames(places: JointPlaces, R: Array, frames: JointFrames) -> None:
+    """Fill the frames of the joints; where they are those of links they are views of R."""
+    if places.aligned:
+        return
+    for j in range(len(R) - 1):
+        for k in range(3):
+            for m in range(3):
+                inner = outer = 0.0
+                for s in range(3):
+                    inner += R[j, k, s] * places.inner[j, s, m]
+                    outer += R[j + 1, k, s] * places.outer[j, s, m]
+                frames.inner[j, k, m], frames.outer[j, k, m] = inner, outer
 
 
 @compiled
@@ -138,22 +170,23 @@ def end_coordinates(dt: float, q_mid: Array, u: Array, q: Array) -> None:
 
 
 @inlined
-def joint_coordinates(R: Array, omega: Array, coordinate: Array) -> None:
+def joint_coordinates(frames: JointFrames, omega: Array, coordinate: Array) -> None:
     """
     Fill the angles and rates of all joints, eq. (66).
 
     `coordinate`, shape (n-1, 2, 2), is (yaw, pitch) x (angle [rad], rate [rad/s]).
     """
-    for j in range(len(R) - 1):
+    inner, outer = frames.inner, frames.outer
+    for j in range(len(inner)):
         xx = xz = yy = yz = yaw_rate = pitch_rate = 0.0
         for k in range(3):
-            xx += R[j, k, 0] * R[j + 1, k, 0]
-            xz += R[j, k, 2] * R[j + 1, k, 0]
-            yy += R[j, k, 1] * R[j + 1, k, 1]
-            yz += R[j, k, 1] * R[j + 1, k, 2]
+            xx += inner[j, k, 0] * outer[j, k, 0]
+            xz += inner[j, k, 2] * outer[j, k, 0]
+            yy += inner[j, k, 1] * outer[j, k, 1]
+            yz += inner[j, k, 1] * outer[j, k, 2]
             relative = omega[j + 1, k] - omega[j, k]
-            yaw_rate += R[j, k, 1] * relative
-            pitch_rate += R[j + 1, k, 0] * relative
+            yaw_rate += inner[j, k, 1] * relative
+            pitch_rate += outer[j, k, 0] * relative
         angle = angles(pair(-xz, -yz), pair(xx, yy))
         coordinate[j, 0, 0], coordinate[j, 0, 1] = angle[0], yaw_rate
         coordinate[j, 1, 0], coordinate[j, 1, 1] = angle[1], pitch_rate
@@ -189,48 +222,81 @@ def angles(y: Pack, x: Pack) -> Pack:
 
 
 @compiled
-def joint_motions(q: Array, u: Array, R: Array, omega: Array, coordinate: Array) -> None:
+def joint_motions(
+    places: JointPlaces,
+    motion: tuple[Array, Array],
+    R: Array,
+    omega: Array,
+    frames: JointFrames,
+    coordinate: Array,
+) -> None:
     """
     Fill the angles and rates of all joints in m states, as `joint_coordinates` does for one.
 
-    q, u and `coordinate` have a first axis of length m. `R` and `omega` are work arrays for one
-    state.
+    `motion` is q and u of the states. `coordinate` has a first axis of length m, too. R, `omega`
+    and `frames` are work arrays for one state.
     """
+    q, u = motion
     for k in range(len(q)):
         link_frames(q[k, :, 3:], R)
+        joint_frames(places, R, frames)
         rates_in_inertial_frame(R, u[k], omega)
-        joint_coordinates(R, omega, coordinate[k])
+        joint_coordinates(frames, omega, coordinate[k])
 
 
 @compiled
-def chain_geometry(half_length: Array, R: Array, center: Array, axis: Array) -> None:
+def chain_geometry(
+    places: JointPlaces, R: Array, frames: JointFrames, center: Array, axis: Array
+) -> None:
     """
     Fill the link centers and the twists of the joint axes, from O in axes of I.
 
     A joint twist is that of the outer link against the inner one, as seen from the middle link.
-    `axis`, shape (n-1, 2, 6), is filled with the (angular, linear) twists of yaw and pitch at a
-    rate of 1, and `center` with the link centers.
+    `axis`, shape (n-1, 2, 6), is filled with the (angular, linear) twists of both axes at a rate
+    of 1, which are 0 for an axis that a joint does not have, and `center` with the link centers.
     """
-    n = len(R)
+    n, present = len(R), places.present
     for k in range(3):
         center[0, k] = 0.0
         for i in range(1, n):
-            step = half_length[i - 1] * R[i - 1, k, 2] + half_length[i] * R[i, k, 2]
+            step = carried_part(R, i - 1, places.distal, i - 1, k) - carried_part(
+                R, i, places.proximal, i, k
+            )
             center[i, k] = center[i - 1, k] + step
         origin = center[n // 2, k]
         for i in range(n):
             center[i, k] -= origin
     for j in range(n - 1):
-        x = center[j, 0] + half_length[j] * R[j, 0, 2]
-        y = center[j, 1] + half_length[j] * R[j, 1, 2]
-        z = center[j, 2] + half_length[j] * R[j, 2, 2]
-        for k, i, column in ((0, j, 1), (1, j + 1, 0)):  # yaw about e_y^i, pitch about e_x^i+1
-            sign = 1.0 if j >= n // 2 else -1.0
-            ax, ay, az = sign * R[i, 0, column], sign * R[i, 1, column], sign * R[i, 2, column]
+        x = center[j, 0] + carried_part(R, j, places.distal, j, 0)
+        y = center[j, 1] + carried_part(R, j, places.distal, j, 1)
+        z = center[j, 2] + carried_part(R, j, places.distal, j, 2)
+        for k in range(2):  # yaw about e_y of the inner frame, pitch about e_x of the outer one
+            sign = present[j, k] if j >= n // 2 else -present[j, k]
+            if k == 0:
+                ax, ay, az = frames.inner[j, 0, 1], frames.inner[j, 1, 1], frames.inner[j, 2, 1]
+            else:
+                ax, ay, az = frames.outer[j, 0, 0], frames.outer[j, 1, 0], frames.outer[j, 2, 0]
+            ax, ay, az = sign * ax, sign * ay, sign * az
             axis[j, k, 0], axis[j, k, 1], axis[j, k, 2] = ax, ay, az
             axis[j, k, 3] = y * az - z * ay
             axis[j, k, 4] = z * ax - x * az
             axis[j, k, 5] = x * ay - y * ax
+
+
+@inlined
+def carried_part(R: Array, i: int, place: Array, row: int, k: int) -> float:
+    """Return component k in I of a vector of link i, which is a row of place (m, 3)."""
+    return R[i, k, 0] * place[row, 0] + R[i, k, 1] * place[row, 1] + R[i, k, 2] * place[row, 2]
+
+
+@inlined
+def carried_in(R: Array, i: int, place: Array, row: int) -> Three:
+    """Return in I a vector of link i, which is a row of place (m, 3)."""
+    return (
+        carried_part(R, i, place, row, 0),
+        carried_part(R, i, place, row, 1),
+        carried_part(R, i, place, row, 2),
+    )
 
 
 @inlined
@@ -291,20 +357,38 @@ def axis_z(q: Array, i: int) -> Three:
     )
 
 
+@inlined
+def carried(q: Array, i: int, x: float, y: float, z: float) -> Three:
+    """Return the vector (x, y, z) of link i in I, from coordinates q with unit parameters."""
+    a, b, c = axis_x(q, i), axis_y(q, i), axis_z(q, i)
+    return (
+        x * a[0] + y * b[0] + z * c[0],
+        x * a[1] + y * b[1] + z * c[1],
+        x * a[2] + y * b[2] + z * c[2],
+    )
+
+
+@inlined
+def carried_place(q: Array, i: int, place: Array, row: int) -> Three:
+    """Return in I a vector of link i, which is a row of place (m, 3); see `carried`."""
+    return carried(q, i, place[row, 0], place[row, 1], place[row, 2])
+
+
 @compiled
 def chain_coordinates(
-    half_length: Array, mass: Array, pose: Array, angle: Array, q: Array
+    places: JointPlaces, mass: Array, pose: Array, angle: Array, q: Array
 ) -> None:
     """
     Fill the coordinates of all links from center of mass, middle link and joint angles.
 
-    The rotation from link j to link j+1 is ``R_y(yaw) R_x(pitch)``, eq. (66), so that joints are
-    closed and their axes at right angles, whatever the angles are.
+    The rotation from the inner to the outer frame of a joint is ``R_y(yaw) R_x(pitch)``, eq. (66),
+    so that joints are closed and their axes at right angles, whatever the angles are.
 
     Parameters
     ----------
-    half_length, mass : ndarray, shape (n,)
-        Half of the link lengths [m], and masses of the links [kg].
+    places : JointPlaces
+    mass : ndarray, shape (n,)
+        Masses of the links [kg].
     pose : ndarray, shape (7,)
         Center of mass of the robot [m, frame I], and unit Euler parameters of the middle link.
     angle : ndarray, shape (n-1, 2)
@@ -319,12 +403,24 @@ def chain_coordinates(
         q[root, k] = pose[k]
     for i in range(root + 1, n):
         yaw, pitch = 0.5 * angle[i - 1, 0], 0.5 * angle[i - 1, 1]
-        p = turned_about_y(q[i - 1, 3], q[i - 1, 4], q[i - 1, 5], q[i - 1, 6], yaw)
-        place_link(half_length, q, i, i - 1, 1.0, turned_about_x(p[0], p[1], p[2], p[3], pitch))
+        p = q[i - 1, 3], q[i - 1, 4], q[i - 1, 5], q[i - 1, 6]
+        if not places.aligned:
+            p = turned_by(p, places.inner_turn, i - 1, 1.0)
+        p = turned_about_x(turned_about_y(p, yaw), pitch)
+        if not places.aligned:
+            p = turned_by(p, places.outer_turn, i - 1, -1.0)
+        set_turn(q, i, p)
+        place_link(places.distal, places.proximal, q, i, i - 1)
     for i in range(root - 1, -1, -1):
         yaw, pitch = -0.5 * angle[i, 0], -0.5 * angle[i, 1]
-        p = turned_about_x(q[i + 1, 3], q[i + 1, 4], q[i + 1, 5], q[i + 1, 6], pitch)
-        place_link(half_length, q, i, i + 1, -1.0, turned_about_y(p[0], p[1], p[2], p[3], yaw))
+        p = q[i + 1, 3], q[i + 1, 4], q[i + 1, 5], q[i + 1, 6]
+        if not places.aligned:
+            p = turned_by(p, places.outer_turn, i, 1.0)
+        p = turned_about_y(turned_about_x(p, pitch), yaw)
+        if not places.aligned:
+            p = turned_by(p, places.inner_turn, i, -1.0)
+        set_turn(q, i, p)
+        place_link(places.proximal, places.distal, q, i, i + 1)
     x, y, z = mean_of_links(mass, q)
     for i in range(n):
         q[i, 0] += pose[0] - x
@@ -344,66 +440,83 @@ def mean_of_links(mass: Array, x: Array) -> Three:
     return x0 / mass_sum, x1 / mass_sum, x2 / mass_sum
 
 
+Four = tuple[float, float, float, float]
+
+
 @inlined
-def turned_about_x(
-    e0: float, e1: float, e2: float, e3: float, half_angle: float
-) -> tuple[float, float, float, float]:
+def turned_about_x(p: Four, half_angle: float) -> Four:
     """Return Euler parameters turned about their own e_x by twice an angle [rad]."""
-    c, s = math.cos(half_angle), math.sin(half_angle)
+    (e0, e1, e2, e3), c, s = p, math.cos(half_angle), math.sin(half_angle)
     return c * e0 - s * e1, c * e1 + s * e0, c * e2 + s * e3, c * e3 - s * e2
 
 
 @inlined
-def turned_about_y(
-    e0: float, e1: float, e2: float, e3: float, half_angle: float
-) -> tuple[float, float, float, float]:
+def turned_about_y(p: Four, half_angle: float) -> Four:
     """Return Euler parameters turned about their own e_y by twice an angle [rad]."""
-    c, s = math.cos(half_angle), math.sin(half_angle)
+    (e0, e1, e2, e3), c, s = p, math.cos(half_angle), math.sin(half_angle)
     return c * e0 - s * e2, c * e1 - s * e3, c * e2 + s * e0, c * e3 + s * e1
 
 
 @inlined
-def place_link(
-    half_length: Array,
-    q: Array,
-    i: int,
-    beside: int,
-    side: float,
-    p: tuple[float, float, float, float],
-) -> None:
-    """Fill q of link i with Euler parameters p, joined to a link on the given side of it."""
+def turned_by(p: Four, turn: Array, j: int, sign: float) -> Four:
+    """Return Euler parameters turned by those in row j of turn (n-1, 4), or back for sign -1."""
+    (a0, a1, a2, a3), b0 = p, turn[j, 0]
+    b1, b2, b3 = sign * turn[j, 1], sign * turn[j, 2], sign * turn[j, 3]
+    return (
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+        a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+    )
+
+
+@inlined
+def set_turn(q: Array, i: int, p: Four) -> None:
+    """Write Euler parameters to link i."""
     q[i, 3], q[i, 4], q[i, 5], q[i, 6] = p
-    a, b = axis_z(q, beside), axis_z(q, i)
+
+
+@inlined
+def place_link(beyond: Array, near: Array, q: Array, i: int, beside: int) -> None:
+    """Place link i at its neighbor `beside`; their joint is at `beyond` in that, `near` in it."""
+    a, b = carried_place(q, beside, beyond, beside), carried_place(q, i, near, i)
     for k in range(3):
-        q[i, k] = q[beside, k] + side * (half_length[beside] * a[k] + half_length[i] * b[k])
+        q[i, k] = q[beside, k] + (a[k] - b[k])
+
+
+@inlined
+def sphere_height(spheres: Spheres, q: Array, a: int) -> float:
+    """Return the height of the lowest point of sphere a over z = 0 [m]."""
+    i, place = spheres.link[a], spheres.place
+    up_x, up_y, up_z = axis_x(q, i)[2], axis_y(q, i)[2], axis_z(q, i)[2]
+    return (
+        q[i, 2]
+        + (place[a, 0] * up_x + place[a, 1] * up_y + place[a, 2] * up_z)
+        - spheres.radius[a]
+    )
 
 
 @merged
-def floor_penetration(offset: Array, radius: Array, q: Array) -> float:
-    """
-    Return how deep the lowest contact sphere is below the floor [m], 0 if it is not.
-
-    `offset` and `radius`, shape (n,), are the distances of the contact spheres from the link
-    centers and the radii of the spheres [m].
-    """
+def floor_penetration(spheres: Spheres, q: Array) -> float:
+    """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0
-    for i in range(len(q)):
-        lowest = min(lowest, q[i, 2] - offset[i] * abs(axis_z(q, i)[2]) - radius[i])
+    for a in range(len(spheres.link)):
+        lowest = min(lowest, sphere_height(spheres, q, a))
     return -lowest
 
 
 @merged
-def lies_flat_and_still(offset: Array, radius: Array, q: Array, u: Array, omega: Array) -> bool:
+def lies_flat_and_still(spheres: Spheres, q: Array, u: Array, omega: Array) -> bool:
     """
     Return whether every link is on the floor, is not rolled, and moves in the plane only.
 
-    `offset` and `radius` are those of `floor_penetration`; `omega` may have more columns.
+    `omega` may have more columns.
     """
-    for i in range(len(q)):
+    for a in range(len(spheres.link)):
+        i = spheres.link[a]
         e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]
-        height, lift = q[i, 2] - radius[i], offset[i] * axis_z(q, i)[2]
-        gap = max(abs(height + lift), abs(height - lift))
-        speed = radius[i] * max(abs(omega[i, 0]), abs(omega[i, 1]))
+        gap = abs(sphere_height(spheres, q, a))
+        speed = spheres.radius[a] * max(abs(omega[i, 0]), abs(omega[i, 1]))
         if not (gap <= FLAT_GAP and max(speed, abs(u[i, 2])) <= STILL_SPEED):
             return False
         if not abs(2.0 * (e1 * e3 - e0 * e2)) <= FLAT_TILT:

@@ -9,18 +9,21 @@ import numpy as np
 
 from snake_sim_ros.dynamics.joint_control import ControlLoop, make_control_loop
 from snake_sim_ros.dynamics.joint_laws import JointLaws, make_joint_laws
+from snake_sim_ros.scene.chain import Capsules, JointPlaces, Spheres
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Robot, Scene
 
 
 class Mechanism(NamedTuple):
     """The links and joints of a robot of n links, with the names of `scene.parameters.Robot`."""
 
-    half_length: Array  # (n,) half of the link lengths [m]
+    places: JointPlaces  # of the joints in the links
     mass: Array  # (n,) [kg]
-    inertia_transversal: Array  # (n,) [kg m^2]
-    inertia_axial: Array  # (n,) [kg m^2]
-    contact_offset: Array  # (n,) [m]
-    contact_radius: Array  # (n,) [m]
+    inertia_transversal: Array  # (n,) about e_x and e_y of a link [kg m^2]
+    inertia_axial: Array  # (n,) about e_z [kg m^2]
+    slender: bool  # whether this is all of the inertia
+    uneven: Array  # (n, 3, 3) what the inertia of a link has besides, in its frame [kg m^2]
+    spheres: Spheres
+    capsules: Capsules
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
     joint_laws: JointLaws  # of all axes
@@ -32,11 +35,19 @@ class Mechanism(NamedTuple):
 @lru_cache(maxsize=64)
 def robot_arrays(robot: Robot) -> dict[str, Any]:
     """Return the fields of a mechanism that belong to its robot; mechanisms share them."""
-    links = ('inertia_transversal', 'inertia_axial', 'contact_offset', 'contact_radius')
+    chain = robot.chain
+    across = 0.5 * (chain.inertia[:, 0, 0] + chain.inertia[:, 1, 1])
+    axial = chain.inertia[:, 2, 2].copy()
+    uneven = chain.inertia - np.array([np.diag(each) for each in np.c_[across, across, axial]])
     return {
-        'half_length': robot.per_link('link_length') / 2,
-        'mass': robot.per_link('link_mass'),
-        **{name: robot.per_link(name) for name in links},
+        'places': chain.places,
+        'mass': chain.mass,
+        'inertia_transversal': across,
+        'inertia_axial': axial,
+        'slender': not uneven.any(),
+        'uneven': uneven,
+        'spheres': chain.spheres,
+        'capsules': chain.capsules,
         **{name: robot.per_joint(name) for name in ('stiffness', 'damping')},
         'joint_laws': make_joint_laws(robot),
     }

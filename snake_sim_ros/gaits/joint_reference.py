@@ -305,7 +305,7 @@ def _without(motions: tuple[Motion, ...], axes: Array) -> tuple[Motion, ...]:
 
 def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
     """Return the reference that holds the initial posture of a scene."""
-    angle = joint_angles(initial_coordinates(scene))
+    angle = joint_angles(initial_coordinates(scene), scene.robot)
     return JointReference(np.full(angle.shape, now), angle, np.zeros(angle.shape))
 
 

@@ -219,7 +219,10 @@ class CommandInbox:
     def tracked(self, motion: Motion) -> Tracked:
         """Return where the joints of a trajectory are commanded to be, and where they are."""
         state, now = self._simulation.state, np.array([self._simulation.time])
-        numbers = *self._sampled(now, 0.0), *joint_motion(state.q[None], state.u[None])
+        numbers = (
+            *self._sampled(now, 0.0),
+            *joint_motion(self._simulation.scene.robot, state.q[None], state.u[None]),
+        )
         return Tracked(*(values.reshape(-1)[motion.axes] for values in numbers))
 
     def stop(self, motion: Motion) -> None:

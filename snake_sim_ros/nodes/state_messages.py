@@ -88,7 +88,7 @@ class StateMessages:
     """
 
     def __init__(self, robot: Robot, frame_prefix: str = '') -> None:
-        self.middle, n = robot.middle_link, robot.link_count
+        self.robot, self.middle, n = robot, robot.middle_link, robot.link_count
         self.resolution = robot.encoder_resolution
         names, first = joint_names(n), (MARK, 2 * MARK, 3 * MARK)
         position, velocity, effort = ([mark] * len(names) for mark in first)
@@ -132,7 +132,9 @@ class StateMessages:
         """
         for serialized in (self.joint_states, self.link_poses, self.odom, self.clock):
             serialized.stamp[:] = divmod(nanoseconds, 1_000_000_000)
-        self.angle[:], self.rate[:] = motion or joint_motion(state.q[None], state.u[None])
+        self.angle[:], self.rate[:] = motion or joint_motion(
+            self.robot, state.q[None], state.u[None]
+        )
         if self.resolution > 0.0:
             self.angle[:] = self.resolution * np.floor(self.angle / self.resolution + 0.5)
         self.torque[:] = torque

@@ -3,32 +3,33 @@
 """
 Everything a robot can touch besides a flat floor: ground of cells, and pegs; gaps and frames.
 
-This is the definition in NumPy; `contact.detection` is its compiled form. Contacts are numbered in
-slots of one contact for each link, so that contact a belongs to link a % n. The first two slots
-are the front and the rear spheres on the ground below them, as in eq. (10). If the ground has
-cells, six more slots follow for the higher cells beside the front and the rear spheres. Then comes
-a slot for every peg. Contacts of links with each other come last: four for every two links that
-are not neighbors, of the spheres of one with those of the other.
+This is the definition in NumPy; `contact.detection` is its compiled form. The first contacts are
+those of the spheres of the links with the ground below them, numbered as `chain.Spheres` says: of
+Aiko the front and then the rear spheres, as in eq. (10). If the ground has cells, the spheres
+follow three times more, for the higher cells beside them. Then come the capsules of the links once
+for every peg. Contacts of links with each other come last: of the spheres of every two links that
+are not neighbors.
 
 A sphere is in contact with the box below each cell, at the nearest point of the box. The cell
 below its center always counts. A neighbor counts only if it is higher, so that a flat ground is
 flat whatever its cells. A diagonal neighbor counts only if its nearest point is not on one of the
 two other neighbors, so that a straight wall is straight.
 
-A link is in contact with a peg as a capsule, the cylinder around its axis with the two contact
-spheres as its ends, at the height of the nearest point of its axis.
+A link is in contact with a peg as capsules, of Aiko the cylinder around its axis with the two
+contact spheres as its ends, at the height of the nearest point of their axes.
 """
 
 from collections import Counter
+from functools import lru_cache
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from snake_sim_ros.scene.parameters import Array, Ground, Robot, Scene
 from snake_sim_ros.scene.rotations import cross, rotation_matrices
 
-NEIGHBOR_SLOTS = 6  # of the cells beside the two spheres of a link: along x, along y, diagonal
+CELLS = 4  # that a sphere may touch: below it, and its neighbors along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)
 # How pictures show what has no end: the height of pegs, in contact radii, and how far boxes of the
 # ground reach below the lowest of them [m].
@@ -42,30 +43,37 @@ def is_flat(scene: Scene) -> bool:
     Any other friction, also that of patches, needs the code for obstacles.
     """
     obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact
+    if (scene.robot.chain.spheres.grip != 1.0).any():
+        return False
     return not (obstacles or scene.patches.factors) and scene.friction.is_one_ellipse
 
 
 def first_peg(scene: Scene) -> int:
     """Return the number of the first contact with a peg."""
-    return scene.robot.link_count * (2 + (NEIGHBOR_SLOTS if scene.ground.heights else 0))
+    return len(scene.robot.chain.spheres.link) * (CELLS if scene.ground.heights else 1)
 
 
 def first_pair(scene: Scene) -> int:
     """Return the number of the first contact of two links."""
-    return first_peg(scene) + scene.robot.link_count * len(scene.pegs.x)
+    return first_peg(scene) + len(scene.robot.chain.capsules.link) * len(scene.pegs.x)
 
 
-def pair_contacts(scene: Scene) -> list[tuple[int, int, int, int]]:
-    """Return link, other link and the signs of their spheres, of every contact of two links."""
-    n = scene.robot.link_count if scene.self_contact else 0
-    apart = [(i, j) for i in range(n) for j in range(i + 2, n)]
-    return [(i, j, s, t) for i, j in apart for s in (1, -1) for t in (1, -1)]
+def pair_contacts(scene: Scene) -> list[tuple[int, int]]:
+    """Return the two spheres of every contact of two links."""
+    return _pairs(scene.robot) if scene.self_contact else []
+
+
+@lru_cache(maxsize=16)
+def _pairs(robot: Robot) -> list[tuple[int, int]]:
+    """Return all pairs of spheres of links that are not neighbors."""
+    n, spheres = robot.link_count, robot.chain.spheres
+    of = [spheres.of_link[spheres.begin[i] : spheres.begin[i + 1]].tolist() for i in range(n)]
+    return [(s, t) for i in range(n) for j in range(i + 2, n) for s in of[i] for t in of[j]]
 
 
 def contact_count(scene: Scene) -> int:
-    """Return the number of contacts, open and closed: 2n on a flat floor."""
-    n = scene.robot.link_count
-    return first_pair(scene) + (2 * (n - 1) * (n - 2) if scene.self_contact else 0)
+    """Return the number of contacts, open and closed: 2n for Aiko on a flat floor."""
+    return first_pair(scene) + len(pair_contacts(scene))
 
 
 def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
@@ -75,18 +83,19 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     Returns
     -------
     list of tuple
-        ('floor', side, link); ('cell', slot, link), without the ground it belongs to; ('peg', x,
-        y, radius, number of equal pegs before it, link); ('pair', link, other link, and the signs
-        of their spheres).
+        ('floor', sphere); ('cell', which, sphere), without the ground it belongs to; ('peg', x, y,
+        radius, number of equal pegs before it, capsule); ('pair', sphere, other sphere).
 
     """
-    n, count = scene.robot.link_count, first_peg(scene)
+    chain, cells = scene.robot.chain, CELLS if scene.ground.heights else 1
+    spheres, capsules = range(len(chain.spheres.link)), range(len(chain.capsules.link))
     keys: list[tuple[Any, ...]] = [
-        ('floor' if slot < 2 else 'cell', slot, i) for slot in range(count // n) for i in range(n)
+        *(('floor', s) for s in spheres),
+        *(('cell', k, s) for k in range(1, cells) for s in spheres),
     ]
     before: Counter[tuple[float, ...]] = Counter()
     for peg in map(tuple, scene.pegs.axes.tolist()):
-        keys += [('peg', *peg, before[peg], i) for i in range(n)]
+        keys += [('peg', *peg, before[peg], c) for c in capsules]
         before[peg] += 1
     return keys + [('pair', *pair) for pair in pair_contacts(scene)]
 
@@ -115,9 +124,23 @@ def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
 
 def contact_links(scene: Scene) -> Array:
     """Return the link of every contact and the one it touches, or -1, shape (contacts, 2)."""
-    n, first = scene.robot.link_count, first_pair(scene)
-    of_world = [(a % n, -1) for a in range(first)]
-    return np.array(of_world + [(i, j) for i, j, _, _ in pair_contacts(scene)])
+    chain, pegs = scene.robot.chain, len(scene.pegs.x)
+    cells = CELLS if scene.ground.heights else 1
+    link = np.concatenate([np.tile(chain.spheres.link, cells), np.tile(chain.capsules.link, pegs)])
+    pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
+    of_world = np.column_stack([link, np.full(len(link), -1)])
+    return np.concatenate([of_world, chain.spheres.link[pairs]])
+
+
+def contact_radii(scene: Scene) -> Array:
+    """Return the radius of the sphere or capsule of every contact, shape (contacts,) [m]."""
+    chain, pegs = scene.robot.chain, len(scene.pegs.x)
+    cells = CELLS if scene.ground.heights else 1
+    pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
+    radius = chain.spheres.radius
+    return np.concatenate([
+        np.tile(radius, cells), np.tile(chain.capsules.radius, pegs), radius[pairs[:, 0]]
+    ])  # fmt: skip
 
 
 def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
@@ -131,28 +154,33 @@ def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
         that of rolling; the factor of patches that is in them.
 
     """
-    n, first, found = scene.robot.link_count, first_peg(scene), []
-    center, axis, offset, _ = make_capsules(scene.robot, q)
+    first, found = first_peg(scene), []
+    spheres, center = scene.robot.chain.spheres, sphere_centers(scene.robot, q)
     for a in map(int, contacts):
         if a >= first:
             is_pair = a >= first_pair(scene)
             mu = scene.self_contact_friction if is_pair else scene.pegs.friction
             found.append((mu, mu, mu, 0.0, 1.0))
             continue
-        slot, i = divmod(a, n)
-        front = slot == 0 or 2 <= slot < 2 + NEIGHBOR_SLOTS // 2
-        x, y, _ = center[i] + (1 if front else -1) * offset[i] * axis[i]
-        found.append(floor_friction(scene, x, y))
+        s = a % len(center)
+        found.append(floor_friction(scene, *center[s, :2], spheres.grip[s]))
     return np.array(found).reshape(-1, 5)
 
 
-def floor_friction(scene: Scene, x: float, y: float) -> tuple[float, float, float, float, float]:
-    """Return the coefficients of the ground at (x, y) of I [m], as `contact_friction` does."""
+def floor_friction(
+    scene: Scene, x: float, y: float, own: float = 1.0
+) -> tuple[float, float, float, float, float]:
+    """
+    Return the coefficients of the ground at (x, y) of I [m], as `contact_friction` does.
+
+    `own` is the factor of the link.
+    """
     patches, floor, factor = scene.patches, scene.friction, 1.0
     column = math.floor((x - patches.origin[0]) / patches.cell)
     row = math.floor((y - patches.origin[1]) / patches.cell)
     if 0 <= row < len(patches.factors) and 0 <= column < len(patches.factors[0]):
         factor = patches.factors[row][column]
+    factor *= own
     along, back = factor * floor.longitudinal, factor * floor.against_backward
     return along, back, factor * floor.transversal, factor * floor.rolling, factor
 
@@ -234,20 +262,12 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
     return e_x, cross(normal, e_x)
 
 
-class Capsules(NamedTuple):
-    """Links as they touch obstacles: an axis with two contact spheres."""
-
-    center: Array  # (n, 3) of the links [m, frame I]
-    axis: Array  # (n, 3) e_z of the links in I
-    offset: Array  # (n,) of the contact spheres along the axis [m]
-    radius: Array  # (n,) of the contact spheres [m]
-
-
-def make_capsules(robot: Robot, q: Array) -> Capsules:
-    """Return the links of a robot with coordinates q, shape (n, 7)."""
-    axis = rotation_matrices(q[:, 3:]) @ E_Z
-    offset, radius = robot.per_link('contact_offset'), robot.per_link('contact_radius')
-    return Capsules(q[:, :3], axis, offset, radius)
+def sphere_centers(robot: Robot, q: Array) -> Array:
+    """Return the centers of the spheres of a robot, shape (m, 3) [m, frame I]."""
+    spheres, R = robot.chain.spheres, rotation_matrices(q[:, 3:])
+    return np.asarray(
+        q[spheres.link, :3] + np.einsum('aij,aj->ai', R[spheres.link], spheres.place)
+    )
 
 
 def contact_geometry(
@@ -274,77 +294,72 @@ def contact_geometry(
         Normal, from the obstacle or other link to the link, e_x and e_y of every contact, in I.
 
     """
-    count, links = contact_count(scene), make_capsules(scene.robot, q)
+    count, axes = contact_count(scene), rotation_matrices(q[:, 3:])[:, :, 2]
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     wanted = np.ones(count, dtype=bool) if wanted is None else wanted
-    _fill_ground_contacts(scene, links, wanted, gap, lever, frame)
-    _fill_peg_contacts(scene, links, wanted, gap, lever, frame)
-    _fill_pair_contacts(scene, links, wanted, gap, lever, frame)
+    _fill_ground_contacts(scene, q, axes, wanted, gap, lever, frame)
+    _fill_peg_contacts(scene, q, wanted, gap, lever, frame)
+    _fill_pair_contacts(scene, q, axes, wanted, gap, lever, frame)
     return gap, lever, frame
 
 
 def _fill_ground_contacts(
-    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, q: Array, axes: Array, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts with the ground; see `contact_geometry`."""
-    n, first = scene.robot.link_count, first_peg(scene)
-    for i, (center, axis, offset, radius) in enumerate(zip(*links, strict=True)):
-        for side, sign in enumerate((1, -1)):
-            arm = sign * offset * axis
-            slots = (
-                side,
-                *(2 + NEIGHBOR_SLOTS // 2 * side + k for k in range(NEIGHBOR_SLOTS // 2)),
-            )
-            if not any(wanted[slot * n + i] for slot in slots if slot * n < first):
+    spheres, centers = scene.robot.chain.spheres, sphere_centers(scene.robot, q)
+    m, cells = len(centers), CELLS if scene.ground.heights else 1
+    for s, center in enumerate(centers):
+        if not wanted[s : cells * m : m].any():
+            continue
+        i, radius = spheres.link[s], spheres.radius[s]
+        for k, point in enumerate(nearest_points(scene.ground, center)[:cells]):
+            if point is None:
                 continue
-            points = nearest_points(scene.ground, center + arm)
-            for slot, point in zip(slots, points, strict=True):
-                if point is None:
-                    continue
-                a = slot * n + i
-                apart = center + arm - point
-                distance = apart[2] if slot < 2 else np.linalg.norm(apart)
-                normal = E_Z if slot < 2 else apart / distance
-                gap[a] = distance - radius
-                lever[a] = arm - radius * normal
-                frame[a] = normal, *tangents(normal, axis)
+            a, apart = k * m + s, center - point
+            distance = apart[2] if k == 0 else np.linalg.norm(apart)
+            normal = E_Z if k == 0 else apart / distance
+            gap[a] = distance - radius
+            lever[a] = center - q[i, :3] - radius * normal
+            frame[a] = normal, *tangents(normal, axes[i])
 
 
 def _fill_peg_contacts(
-    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, q: Array, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts with pegs; see `contact_geometry`."""
-    n, first = scene.robot.link_count, first_peg(scene)
-    for i, (center, axis, offset, radius) in enumerate(zip(*links, strict=True)):
+    capsules, first = scene.robot.chain.capsules, first_peg(scene)
+    R, count = rotation_matrices(q[:, 3:]), len(scene.robot.chain.capsules.link)
+    for c, (i, middle, axis, half, radius) in enumerate(zip(*capsules, strict=True)):
+        middle, axis = R[i] @ middle, R[i] @ axis
         for k, (x, y, peg_radius) in enumerate(scene.pegs.axes):
-            a = first + k * n + i
+            a = first + k * count + c
             if not wanted[a]:
                 continue
-            apart = np.array([x, y]) - center[:2]
+            apart = np.array([x, y]) - q[i, :2] - middle[:2]
             square = axis[:2] @ axis[:2]
             along = apart @ axis[:2] / square if square > 1e-12 else 0.0
-            arm = min(max(along, -offset), offset) * axis
+            arm = min(max(along, -half), half) * axis
             apart = arm[:2] - apart
             normal = np.array([*apart, 0.0]) / np.linalg.norm(apart)
             gap[a] = np.linalg.norm(apart) - peg_radius - radius
-            lever[a] = arm - radius * normal
+            lever[a] = middle + arm - radius * normal
             frame[a] = normal, cross(E_Z, normal), E_Z
 
 
 def _fill_pair_contacts(
-    scene: Scene, links: Capsules, wanted: Array, gap: Array, lever: Array, frame: Array
+    scene: Scene, q: Array, axes: Array, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts of two links; see `contact_geometry`."""
-    center, axis, offset, radius = links
-    for a, (i, j, s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
+    spheres, centers = scene.robot.chain.spheres, sphere_centers(scene.robot, q)
+    for a, (s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
         if not wanted[a]:
             continue
-        arm = s * offset[i] * axis[i]
-        apart = center[i] + arm - center[j] - t * offset[j] * axis[j]
+        i, apart = spheres.link[s], centers[s] - centers[t]
         distance = np.linalg.norm(apart)
-        gap[a] = distance - radius[i] - radius[j]
-        lever[a] = arm - radius[i] * apart / distance
-        frame[a] = apart / distance, *tangents(apart / distance, axis[i])
+        gap[a] = distance - spheres.radius[s] - spheres.radius[t]
+        lever[a] = centers[s] - q[i, :3] - spheres.radius[s] * apart / distance
+        frame[a] = apart / distance, *tangents(apart / distance, axes[i])
 
 
 def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
@@ -363,9 +378,6 @@ def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:
 
 def lift_onto_ground(scene: Scene, q: Array) -> float:
     """Return how far up the robot must move to touch the ground without being inside [m]."""
-    lifts = []
-    for center, axis, offset, radius in zip(*make_capsules(scene.robot, q), strict=True):
-        for arm in (offset, -offset):
-            x, y, z = center + arm * axis
-            lifts.append(resting_height(scene.ground, x, y, radius) - z)
-    return float(max(lifts))
+    spheres = scene.robot.chain.spheres
+    places = zip(sphere_centers(scene.robot, q), spheres.radius, strict=True)
+    return float(max(resting_height(scene.ground, x, y, r) - z for (x, y, z), r in places))

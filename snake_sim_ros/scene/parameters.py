@@ -13,6 +13,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import lru_cache
 import math
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
+from snake_sim_ros.scene.chain import Chain, chain_of_equal_links, chain_of_links, Joint, Link
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     cut,
@@ -382,12 +384,23 @@ class Robot(CheckedRecord):
     joint_viscous_friction: PerJoint = quantity(
         0.0, 'N m s/rad', 'viscous friction of both axes (assumption: none)', minimum=0
     )
+    links: tuple[Link, ...] = quantity(
+        (), '', 'the links one by one, if they are not given by the numbers above'
+    )
+    joints: tuple[Joint, ...] = quantity((), '', 'the joints between these links')
+    up: Numbers | None = quantity(
+        None, '1', 'what is up in the frame of the first of these links; default: its z'
+    )
 
     def __post_init__(self) -> None:
         """Check every field, the lengths of lists, and that a cylinder has an inertia."""
         super().__post_init__()
+        if self.links or self.joints:
+            self._check_chain()
         for item in fields(self):
             value = getattr(self, item.name)
+            if item.name in ('links', 'joints', 'up'):
+                continue
             count, parts = self.link_count, 'links'
             if item.name.endswith(('_stiffness', '_damping', '_torque_limit', '_friction')):
                 count, parts = self.link_count - 1, 'joints'
@@ -402,6 +415,32 @@ class Robot(CheckedRecord):
                 f'kg m^2, got {self.per_link("contact_radius").min():g} m'
             )
 
+    def _check_chain(self) -> None:
+        """Check the links and joints that are given one by one, and let them count."""
+        if len(self.joints) != len(self.links) - 1:
+            raise ParameterError(
+                f'joints must be one fewer than the links, got {len(self.joints)} joints and '
+                f'{len(self.links)} links'
+            )
+        if self.up is not None and (len(self.up) != 3 or not any(self.up)):
+            raise ParameterError(f'up must be a direction of 3 numbers, got {list(self.up)}')
+        default = type(self).link_count
+        if self.link_count not in (default, len(self.links)):
+            raise ParameterError(
+                f'link_count must be the number of links, {len(self.links)}, got {self.link_count}'
+            )
+        object.__setattr__(self, 'link_count', len(self.links))
+        names = [name for joint in self.joints for name in joint.axis_names]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ParameterError(f'names of joint axes must differ, got {twice[0]!r} twice')
+        _ = self.chain
+
+    @property
+    def chain(self) -> Chain:
+        """Geometry and masses of the robot; the arrays must not be changed."""
+        return _chain_of(self)
+
     def per_link(self, name: str) -> Array:
         """
         Return the quantity `name` of every link, shape (n,).
@@ -409,21 +448,53 @@ class Robot(CheckedRecord):
         Consistent moments of inertia are those of a uniform cylinder of the link's mass m, length
         L and contact radius r: ``Theta_1 = m (3 r^2 + L^2)/12``, ``Theta_3 = m r^2/2``.
         """
+        if self.links:
+            return self._link_by_link(name)
         if self.inertia == 'consistent' and name in ('inertia_transversal', 'inertia_axial'):
             m, L, r = map(self.per_link, ('link_mass', 'link_length', 'contact_radius'))
             across, along = m * (3 * r**2 + L**2) / 12, m * r**2 / 2
             return np.asarray(along if name == 'inertia_axial' else across)
         return self._each(name, self.link_count)
 
+    def _link_by_link(self, name: str) -> Array:
+        """
+        Return the quantity `name` of links that are given one by one, shape (n,).
+
+        The length is that between the joints, of the first and the last link twice the way from
+        the center of mass to the joint. The contact radius is that of the largest sphere, 0
+        without spheres, the contact offset that of the furthest one along the link.
+        """
+        chain = self.chain
+        if name == 'link_mass':
+            return chain.mass
+        if name == 'link_length':
+            places, n = chain.places, self.link_count
+            twice = [1.0 if 0 < i < n - 1 else 2.0 for i in range(n)]
+            return np.asarray(twice * np.linalg.norm(places.distal - places.proximal, axis=1))
+        if name.startswith('inertia_'):
+            moments = np.diagonal(chain.inertia, axis1=1, axis2=2)
+            return moments[:, 2] if name == 'inertia_axial' else moments[:, :2].mean(axis=1)
+        of = (
+            chain.spheres.radius if name == 'contact_radius' else np.abs(chain.spheres.place[:, 2])
+        )
+        found = np.zeros(self.link_count)
+        np.maximum.at(found, chain.spheres.link, of)
+        return found
+
     def per_joint(self, name: str) -> Array:
         """
         Return a quantity of the axes (yaw, pitch) of every joint, shape (n-1, 2).
 
-        Its name is stiffness, damping, torque_limit, friction or viscous_friction.
+        Its name is stiffness, damping, torque_limit, friction or viscous_friction. For an axis
+        that a joint does not have it is 0, its torque limit infinite.
         """
         both = ('joint', 'joint') if name.endswith('friction') else ('yaw', 'pitch')
         count = self.link_count - 1
-        return np.column_stack([self._each(f'{axis}_{name}', count) for axis in both])
+        values = np.column_stack([self._each(f'{axis}_{name}', count) for axis in both])
+        if self.links:
+            none = math.inf if name == 'torque_limit' else 0.0
+            values[self.chain.places.present == 0.0] = none
+        return values
 
     def _each(self, name: str, count: int) -> Array:
         """Return the quantity `name` of every link or every joint, shape (count,)."""
@@ -436,6 +507,14 @@ class Robot(CheckedRecord):
     def middle_link(self) -> int:
         """Index of the middle link: 5 for Aiko, the paper's link 6."""
         return self.link_count // 2
+
+
+@lru_cache(maxsize=64)
+def _chain_of(robot: Robot) -> Chain:
+    """Return `robot.chain`."""
+    if robot.links:
+        return chain_of_links(robot.links, robot.joints, robot.up)
+    return chain_of_equal_links(robot)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,16 +20,18 @@ from snake_sim_ros.scene.rotations import (
 )
 
 
-def joint_angles(q: Array) -> Array:
+def joint_angles(q: Array, robot: Robot | None = None) -> Array:
     """
     Return the cardan angles of every joint, eq. (66) in a form that is regular at all angles.
 
-    ``R = R_i^T R_{i+1} = R_y(yaw) R_x(pitch)``.
+    Between the frames of the joint in both links, ``R_i^T R_{i+1} = R_y(yaw) R_x(pitch)``.
 
     Parameters
     ----------
     q : ndarray, shape (..., n, 7)
         Link centers [m, frame I] and Euler parameters, scalar first.
+    robot : Robot, optional
+        Default: one whose joints have the frames of their links, as Aiko.
 
     Returns
     -------
@@ -37,14 +39,22 @@ def joint_angles(q: Array) -> Array:
         Yaw alpha_h about e_y of link i, pitch alpha_v about e_x of link i+1 [rad].
 
     """
-    R = rotation_matrices(q[..., 3:])
-    R = np.swapaxes(R[..., :-1, :, :], -1, -2) @ R[..., 1:, :, :]
+    inner, outer = joint_frames(rotation_matrices(q[..., 3:]), robot)
+    R = np.swapaxes(inner, -1, -2) @ outer
     yaw = np.arctan2(-R[..., 2, 0], R[..., 0, 0])
     pitch = np.arctan2(-R[..., 1, 2], R[..., 1, 1])
     return np.stack([yaw, pitch], axis=-1)
 
 
-def joint_rates(q: Array, u: Array) -> Array:
+def joint_frames(R: Array, robot: Robot | None) -> tuple[Array, Array]:
+    """Return the frames of all joints in I, in the link before and in the one after them."""
+    if robot is None or robot.chain.places.aligned:
+        return R[..., :-1, :, :], R[..., 1:, :, :]
+    places = robot.chain.places
+    return R[..., :-1, :, :] @ places.inner, R[..., 1:, :, :] @ places.outer
+
+
+def joint_rates(q: Array, u: Array, robot: Robot | None = None) -> Array:
     """
     Return the rates of `joint_angles`, shape (..., n-1, 2) [rad/s].
 
@@ -54,12 +64,15 @@ def joint_rates(q: Array, u: Array) -> Array:
         Link centers [m, frame I] and Euler parameters, scalar first.
     u : ndarray, shape (..., n, 6)
         Velocity [m/s, frame I] and angular velocity [rad/s, frame B] of every link.
+    robot : Robot, optional
+        As there.
 
     """
     R = rotation_matrices(q[..., 3:])
     omega = np.einsum('...ij,...j->...i', R, u[..., 3:])
     omega = omega[..., 1:, :] - omega[..., :-1, :]
-    axes = np.stack([R[..., :-1, :, 1], R[..., 1:, :, 0]], axis=-2)
+    inner, outer = joint_frames(R, robot)
+    axes = np.stack([inner[..., 1], outer[..., 0]], axis=-2)
     return np.asarray(np.einsum('...ak,...k->...a', axes, omega))
 
 
@@ -77,19 +90,18 @@ def gaps(robot: Robot, q: Array) -> Array:
 
     Returns
     -------
-    ndarray, shape (..., 2n)
-        Gaps [m], all front spheres first, then all rear ones.
+    ndarray, shape (..., m)
+        Gaps [m] of all spheres; of Aiko those of the front spheres, then those of the rear ones.
 
     """
-    offset = robot.per_link('contact_offset') * rotation_matrices(q[..., 3:])[..., 2, 2]
-    radius = robot.per_link('contact_radius')
-    height = q[..., 2]
-    return np.concatenate([height + offset - radius, height - offset - radius], axis=-1)
+    spheres, up = robot.chain.spheres, rotation_matrices(q[..., 3:])[..., 2, :]
+    arm = np.einsum('...ak,ak->...a', up[..., spheres.link, :], spheres.place)
+    return np.asarray(q[..., spheres.link, 2] + arm - spheres.radius)
 
 
 def center_of_mass(robot: Robot, q: Array) -> Array:
     """Return the center of mass of the robot [m, frame I], shape (..., 3)."""
-    mass = robot.per_link('link_mass')
+    mass = robot.chain.mass
     return np.asarray(np.einsum('i,...ij->...j', mass, q[..., :3]) / mass.sum())
 
 
@@ -109,6 +121,8 @@ def chain_coordinates(robot: Robot, angle: Array) -> Array:
         Link centers [m, frame I] and Euler parameters, scalar first.
 
     """
+    if robot.links:
+        return _chain_coordinates(robot, angle)
     half = (robot.per_link('link_length') / 2).tolist()
     p = tuple(FLAT.tolist())
     x, y, z, e_z = 0.0, 0.0, 0.0, along_link(p)
@@ -123,6 +137,20 @@ def chain_coordinates(robot: Robot, angle: Array) -> Array:
         z = z + half[i] * before[2] + half[i + 1] * e_z[2]
         q.append((x, y, z, *p))
     return np.array(q)
+
+
+def _chain_coordinates(robot: Robot, angle: Array) -> Array:
+    """Return `chain_coordinates` of a robot whose links are given one by one."""
+    places, present = robot.chain.places, robot.chain.places.present
+    q = np.zeros((robot.link_count, 7))
+    q[0, 3:] = FLAT
+    for j, (yaw, pitch) in enumerate(present * angle):
+        p = product(product(q[j, 3:], places.inner_turn[j]), about(1, yaw))
+        back = places.outer_turn[j] * [1.0, -1.0, -1.0, -1.0]
+        q[j + 1, 3:] = product(product(p, about(0, pitch)), back)
+        before, after = rotation_matrices(q[j : j + 2, 3:])
+        q[j + 1, :3] = q[j, :3] + before @ places.distal[j] - after @ places.proximal[j + 1]
+    return q
 
 
 def initial_coordinates(scene: Scene) -> Array:

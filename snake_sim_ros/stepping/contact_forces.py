@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.kinematics import axis_z
+from snake_sim_ros.dynamics.kinematics import axis_z, carried_place
+from snake_sim_ros.scene.chain import Spheres
 from snake_sim_ros.scene.obstacles import (
     contact_count,
     contact_friction,
@@ -80,9 +81,9 @@ def sampled_forces(
     sample, number = map(np.ascontiguousarray, np.nonzero(impulse[:, :, 0] > 0.0))
     acted = METHODS[method_of(scene)].where_impulses_acted(scene, q, u)
     points, forces = np.empty((2, len(sample), 3))
-    spheres = scene.robot.per_link('contact_offset'), scene.robot.per_link('contact_radius')
+    spheres = scene.robot.chain.spheres
     forces_of_ground(spheres, acted, (impulse, span), (sample, number), points, forces)
-    others = number >= 2 * scene.robot.link_count
+    others = number >= len(spheres.link)
     for m in np.unique(sample[others]):
         here = np.flatnonzero(others & (sample == m))
         touching = number[here]
@@ -122,7 +123,7 @@ def add_viscous_forces(
 
 @compiled
 def forces_of_ground(
-    spheres: tuple[Array, Array],
+    spheres: Spheres,
     q: Array,
     loads: tuple[Array, Array],
     loaded: Loaded,
@@ -137,8 +138,7 @@ def forces_of_ground(
 
     Parameters
     ----------
-    spheres : tuple of ndarray, shape (n,)
-        `contact_offset` and `contact_radius` of the robot [m].
+    spheres : Spheres
     q : ndarray, shape (m, n, 7)
         Coordinates at which the impulses acted.
     loads : tuple of ndarray
@@ -149,16 +149,15 @@ def forces_of_ground(
         As there; filled.
 
     """
-    (offset, radius), (impulse, span), (sample, number) = spheres, loads, loaded
-    n = len(offset)
+    (impulse, span), (sample, number) = loads, loaded
     for k in range(len(sample)):
         m, a = sample[k], number[k]
-        if a >= 2 * n:
+        if a >= len(spheres.link):
             continue
-        i, arm = a % n, offset[a % n] if a < n else -offset[a % n]
-        x, y, z = axis_z(q[m], i)
-        points[k, 0], points[k, 1] = q[m, i, 0] + arm * x, q[m, i, 1] + arm * y
-        points[k, 2] = q[m, i, 2] + arm * z - radius[i]
+        i = spheres.link[a]
+        arm, (x, y, _) = carried_place(q[m], i, spheres.place, a), axis_z(q[m], i)
+        points[k, 0], points[k, 1] = q[m, i, 0] + arm[0], q[m, i, 1] + arm[1]
+        points[k, 2] = q[m, i, 2] + arm[2] - spheres.radius[a]
         length = math.sqrt(x * x + y * y)
         c, s = (x / length, y / length) if length > 1e-6 else (1.0, 0.0)
         P_N, P_x, P_y = impulse[m, a, 0], impulse[m, a, 1], impulse[m, a, 2]

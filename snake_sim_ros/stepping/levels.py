@@ -50,6 +50,8 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
     if method.planar is None:
         return f'method {name} has no planar level'
+    if scene.robot.links:
+        return 'robot.links are given one by one, and in the plane links are alike but for numbers'
     if reason := what_is_not_flat(scene):
         return reason
     if scene.friction.rolling > 0.0:
@@ -76,7 +78,7 @@ def what_is_not_flat(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.ground.heights:
         return 'ground.heights is given, and the plane is flat'
-    radius = np.array(scene.robot.contact_radius)
+    radius = scene.robot.per_link('contact_radius')
     if radius.min() < radius.max():
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
@@ -95,7 +97,6 @@ def is_vertical(angle: Array, rate: Array) -> Array:
 
 def what_does_not_lie(scene: Scene, state: State) -> str:
     """Return why a robot does not lie flat and still in a state, as a clause; empty if it does."""
-    n = scene.robot.link_count
     gap = gaps(scene.robot, state.q)
     R = rotation_matrices(state.q[:, 3:])
     omega = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
@@ -103,7 +104,8 @@ def what_does_not_lie(scene: Scene, state: State) -> str:
     speed = np.abs(np.column_stack([state.u[:, 2], (radius * omega)[:, :2]])).max(axis=1)
     if not (np.abs(gap) <= FLAT_GAP).all():
         a = int(np.abs(gap).argmax())
-        return f'link {a % n + 1} has a gap of {gap[a]:.3g} m to the floor'
+        link = scene.robot.chain.spheres.link[a] + 1
+        return f'link {link} has a gap of {gap[a]:.3g} m to the floor'
     if not (np.abs(R[:, 2, 0]) <= FLAT_TILT).all():
         i = int(np.abs(R[:, 2, 0]).argmax())
         return f'link {i + 1} is rolled by {np.arcsin(R[i, 2, 0]):.3g} rad'

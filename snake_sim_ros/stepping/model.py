@@ -16,8 +16,9 @@ from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, make_axis_laws
+from snake_sim_ros.dynamics.kinematics import JointFrames, make_joint_frames
 from snake_sim_ros.dynamics.mechanism import make_mechanism, Mechanism
-from snake_sim_ros.scene.obstacles import contact_count, is_flat, pair_contacts
+from snake_sim_ros.scene.obstacles import contact_count, contact_links, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
@@ -54,6 +55,7 @@ class Workspace(NamedTuple):
 
     q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
     R: Array  # (n, 3, 3) link frames in I
+    frames: JointFrames  # those of the joints; views of R where they are link frames
     omega: Array  # (n, 3) angular velocities at the start of the step, in I [rad/s]
     center: Array  # (n, 3) link centers from O, the center of the middle link, in I [m]
     coordinate: Array  # (2, n-1, 2, 2) start and middle x joint x (yaw, pitch) x (angle, rate)
@@ -107,9 +109,11 @@ def operator_of(scene: Scene) -> Operator:
 def make_workspace(scene: Scene) -> Workspace:
     """Return the workspace for a scene, filled with zeros."""
     n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
+    R = zeros((n, 3, 3))
     return Workspace(
         q_mid=zeros((n, 7)),
-        R=zeros((n, 3, 3)),
+        R=R,
+        frames=make_joint_frames(scene.robot.chain.places, R),
         omega=zeros((n, 3)),
         center=zeros((n, 3)),
         coordinate=zeros((2, n - 1, 2, 2)),
@@ -145,5 +149,5 @@ def make_workspace(scene: Scene) -> Workspace:
         ),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),
-        contacts=make_contacts(count),
+        contacts=make_contacts(contact_links(scene)),
     )

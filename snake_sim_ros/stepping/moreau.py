@@ -56,6 +56,7 @@ from snake_sim_ros.dynamics.kinematics import (
     end_coordinates,
     end_velocities,
     joint_coordinates,
+    joint_frames,
     lies_flat_and_still,
     link_frames,
     middle_coordinates,
@@ -81,15 +82,18 @@ from snake_sim_ros.stepping.steps import (
 def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     """Return the contact problem of step k, section VII, with the velocities at its start."""
     q, u, R, chain = steps.q, steps.u, work.R, work.chain
+    places, frames = model.robot.places, work.frames
     middle_coordinates(model.dt, q, u, work.q_mid)
     if model.robot.pd_scheme == START:
         link_frames(q[:, 3:], R)
+        joint_frames(places, R, frames)
         rates_in_inertial_frame(R, u, work.omega)
-        joint_coordinates(R, work.omega, work.coordinate[0])
+        joint_coordinates(frames, work.omega, work.coordinate[0])
     link_frames(work.q_mid[:, 3:], R)
+    joint_frames(places, R, frames)
     rates_in_inertial_frame(R, u, work.omega)
-    joint_coordinates(R, work.omega, work.coordinate[1])
-    chain_geometry(model.robot.half_length, R, work.center, chain.axis)
+    joint_coordinates(frames, work.omega, work.coordinate[1])
+    chain_geometry(places, R, frames, work.center, chain.axis)
     control = steps.history.control
     mid = work.coordinate[1]
     start = mid[:, :, 0], mid[:, :, 1], 0.5 * model.dt
@@ -99,8 +103,8 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     loads = work.torque, work.damping
     control_impulses(model.robot, model.dt, control, work.coordinate, reference, loads)
     if model.robot.joint_laws.present:
-        begin_joint_laws(model.robot.joint_laws, work.axes, model.dt, mid, loads, q)
-    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
+        begin_joint_laws(model.robot, work.axes, model.dt, mid, loads, q)
+    axis_loads(places, work.torque, work.damping, chain)
     link_inertia(model.robot, R, work.center, chain.bare)
     smooth_momentum(model.robot, model.dt, (u, u), R, work.center, chain.momentum)
     stretch = whole_step(steps.pushes, k)
@@ -138,12 +142,12 @@ def solve_again(
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
-    joint_rates(work.R, chain.twist, work.axes.rate)
+    joint_rates(work.frames, chain.twist, work.axes.rate)
     laws, loads = model.robot.joint_laws, (work.torque, work.damping)
     trial = Trial(outcome, attempt, left)
     if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):
         return False
-    axis_loads(chain.axis, work.torque, work.damping, chain.torque, chain.damping)
+    axis_loads(model.robot.places, work.torque, work.damping, chain)
     return True
 
 
@@ -221,7 +225,7 @@ def end_step(
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
     furthest = work.axes.furthest
-    close_joints(model.drift_correction, model.robot.half_length, model.robot.mass, furthest, q)
+    close_joints(model.drift_correction, model.robot.places, model.robot.mass, furthest, q)
     goes_on = report_end(model, work.chain.twist, q, u, steps.history.settling, report)
     depth = close_step(model, work.center, problem, furthest, q, work.q_mid)
     report.penetration_max = max(report.penetration_max, depth)
@@ -242,7 +246,7 @@ def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
 @inlined
 def note_joints(model: Model, q: Array, report: Any) -> None:
     """Report how far the joints are open."""
-    gap, twist = joint_violation(model.robot.half_length, q)
+    gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
     report.joint_twist_max = max(report.joint_twist_max, twist)
 
@@ -263,7 +267,7 @@ def report_end(
     report.steps += 1
     if model.settle_steps == 0:
         return True
-    lies = lies_flat_and_still(model.robot.contact_offset, model.robot.contact_radius, q, u, twist)
+    lies = lies_flat_and_still(model.robot.spheres, q, u, twist)
     left = settling[0] - 1.0 if lies else model.settle_steps
     settling[0] = left
     return left > 0.0

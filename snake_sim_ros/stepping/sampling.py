@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from snake_sim_ros.dynamics import kinematics
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.samples import make_samples, Samples
@@ -81,12 +81,13 @@ def begun_samples(
     return found
 
 
-def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
+def joint_motion(robot: Robot, q: Array, u: Array) -> tuple[Array, Array]:
     """
     Return angles and rates of the joints in some states, computed as in a compiled step.
 
     Parameters
     ----------
+    robot : Robot
     q : ndarray, shape (m, n, 7)
     u : ndarray, shape (m, n, 6)
         See `state.State`.
@@ -97,9 +98,11 @@ def joint_motion(q: Array, u: Array) -> tuple[Array, Array]:
         (yaw, pitch) [rad], [rad/s].
 
     """
-    m, n, _ = q.shape
-    coordinate = np.empty((m, n - 1, 2, 2))
-    kinematics.joint_motions(q, u, np.empty((n, 3, 3)), np.empty((n, 3)), coordinate)
+    (m, n, _), R, places = q.shape, np.empty((q.shape[1], 3, 3)), robot.chain.places
+    coordinate, frames = np.empty((m, n - 1, 2, 2)), kinematics.make_joint_frames(places, R)
+    kinematics.joint_motions(places, (q, u), R, np.empty((n, 3)), frames, coordinate)
+    if not places.complete:
+        coordinate *= places.present[..., None]
     return coordinate[..., 0], coordinate[..., 1]
 
 
@@ -122,7 +125,7 @@ def trajectory_of(
 
     """
     m, q, u = len(samples.q), samples.q, samples.u
-    joint_angle, joint_velocity = joint_motion(q, u)
+    joint_angle, joint_velocity = joint_motion(scene.robot, q, u)
     sample = number = np.zeros(0, dtype=int)
     points = forces = np.zeros((0, 3))
     if keep.contacts:

@@ -217,7 +217,7 @@ class Simulation:
         """
         begin = time.perf_counter()
         # First what is around the loop: another process may compile a part of that meanwhile.
-        joint_motion(self.state.q[None], self.state.u[None])
+        joint_motion(self.scene.robot, self.state.q[None], self.state.u[None])
         if not self.given:
             contact_forces(self.scene, self.state, self.history)
         if isinstance(self.stepper, LevelStepper) and not wave:

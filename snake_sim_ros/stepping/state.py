@@ -14,7 +14,7 @@ from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, same_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.posture import initial_coordinates, joint_angles, joint_rates
+from snake_sim_ros.scene.posture import initial_coordinates
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,6 @@ class State:
     def position(self) -> Array:
         """Link centers, shape (n, 3) [m, frame I]."""
         return self.q[:, :3]
-
-    @property
-    def joint_angle(self) -> Array:
-        """Angles (yaw, pitch) of the joints, shape (n-1, 2) [rad]."""
-        return joint_angles(self.q)
-
-    @property
-    def joint_velocity(self) -> Array:
-        """Rates (yaw, pitch) of the joints, shape (n-1, 2) [rad/s]."""
-        return joint_rates(self.q, self.u)
 
 
 def initial_state(scene: Scene) -> State:

@@ -165,7 +165,7 @@ def test_closed_joints_have_no_gap(jointed):
 def test_torque_directions_give_the_joint_rates(jointed):
     robot, _, state = jointed
     R, u = frames(state), state.u.copy()
-    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    rates = (force_directions.torque_directions(robot, R).T @ u.ravel()).reshape(-1, 2)
     # alphadot_h = e_y^i . omega_rel, alphadot_v = e_x^i+1 . omega_rel, also when the joint twists.
     assert np.abs(rates - posture.joint_rates(state.q, u)).max() < ROUNDING
 
@@ -176,7 +176,7 @@ def test_torque_directions_give_the_joint_rates(jointed):
         omega_rel = R[i + 1] @ u[i + 1, 3:] - R[i] @ u[i, 3:]
         u[i + 1, 3:] -= R[i + 1].T @ normal * (normal @ omega_rel)
     u /= np.linalg.norm(u[:, 3:], axis=1).max()
-    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    rates = (force_directions.torque_directions(robot, R).T @ u.ravel()).reshape(-1, 2)
     # The k-th derivative of an entry of R is at most 2^k now that |omega| <= 1 rad/s. The third
     # one of the angle of a unit vector x is at most |x'''| + 3 |x'| |x''| + 2 |x'|^3 = 6 2^3, for
     # two entries sqrt(2) times that: h^2/6 68 = 1.1e-9. Rounding of angles: 8 eps/h = 2e-10.
@@ -200,7 +200,7 @@ def test_joint_motion_does_not_work_against_the_joint(jointed):
         u[i] = [*v, *(R[i].T @ omega)]
     # W_J^T u = 0 and W_tau^T u = rates. Angular velocities up to 20 rad/s: ten times ROUNDING.
     assert np.abs(force_directions.joint_directions(robot, R).T @ u.ravel()).max() < 10 * ROUNDING
-    rates = (force_directions.torque_directions(R).T @ u.ravel()).reshape(-1, 2)
+    rates = (force_directions.torque_directions(robot, R).T @ u.ravel()).reshape(-1, 2)
     assert np.abs(rates - rate).max() < 10 * ROUNDING
 
 
@@ -208,7 +208,7 @@ def test_joint_torques_on_the_links(jointed):
     robot, _, state = jointed
     rng = np.random.default_rng(10)
     R, T = frames(state), rng.uniform(-1, 1, (4, 2))
-    tau_C = (force_directions.torque_directions(R) @ T.ravel()).reshape(5, 6)
+    tau_C = (force_directions.torque_directions(robot, R) @ T.ravel()).reshape(5, 6)
     # M = T_h e_y^i + T_v e_x^i+1 acts on link i+1 and -M on link i, in their frames B.
     expected = np.zeros((5, 6))
     for i in range(robot.link_count - 1):

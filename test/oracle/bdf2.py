@@ -63,6 +63,7 @@ from snake_sim_ros.contact.laws import (
 )
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
+    joint_normals,
     mass_matrix,
     mean_delassus,
     scene_contacts,
@@ -88,17 +89,19 @@ FALLS = 200  # iterations of factors of friction, at most
 def motion_of(robot: Robot, state: State) -> Motion:
     """Return a state in joint coordinates."""
     pose = np.append(posture.center_of_mass(robot, state.q), state.q[robot.link_count // 2, 3:])
-    rate = posture.joint_rates(state.q, state.u)
-    return Motion(pose, posture.joint_angles(state.q), rate, state.u)
+    present = robot.chain.places.present
+    rate = present * posture.joint_rates(state.q, state.u, robot)
+    return Motion(pose, present * posture.joint_angles(state.q, robot), rate, state.u)
 
 
 def recognized(robot: Robot, state: State, memory: Bdf2Memory) -> Bdf2Memory:
     """Return the memory to go on with from a given state: UNKNOWN if u violates W_J^T u = 0."""
-    half, n = robot.per_link('link_length')[:-1] / 2, robot.link_count
-    W_J = joint_directions(robot, rotation_matrices(state.q[:, 3:]))
-    rate = (W_J.T @ state.u.ravel()).reshape(n - 1, 4) * np.column_stack(
-        [np.ones((n - 1, 3)), half]
-    )
+    R, places = rotation_matrices(state.q[:, 3:]), robot.chain.places
+    weights = []
+    for j in range(robot.link_count - 1):
+        half = float(np.linalg.norm(places.distal[j]))
+        weights += [1.0, 1.0, 1.0] + [half] * len(joint_normals(robot, R, j))
+    rate = weights * (joint_directions(robot, R).T @ state.u.ravel())
     agrees = float(np.abs(rate).max(initial=0.0)) <= CONSISTENT_SPEED
     phase = np.array([ANEW if agrees else UNKNOWN])
     return memory._replace(end=motion_of(robot, state), q=state.q, phase=phase)
@@ -135,16 +138,18 @@ def chain_velocities(robot: Robot, R: Array, motion: Motion) -> Array:
     The u* of other links fit the joints at the predicted end up to the error of prediction only.
     """
     n, root = robot.link_count, robot.link_count // 2
-    arm = robot.per_link('link_length')[:, None] / 2 * R[:, :, 2]  # center to front joint
-    turn = motion.rate[:, :1] * R[:-1, :, 1] + motion.rate[:, 1:] * R[1:, :, 0]
+    places, (inner, outer) = robot.chain.places, posture.joint_frames(R, robot)
+    front, rear = (np.einsum('iab,ib->ia', R, arm) for arm in (places.distal, places.proximal))
+    rates = places.present * motion.rate
+    turn = rates[:, :1] * inner[:, :, 1] + rates[:, 1:] * outer[:, :, 0]
     omega = np.tile(R[root] @ motion.u[root, 3:], (n, 1))
     v = np.tile(motion.u[root, :3], (n, 1))
     for i in range(root + 1, n):
         omega[i] = omega[i - 1] + turn[i - 1]
-        v[i] = v[i - 1] + cross(omega[i - 1], arm[i - 1]) + cross(omega[i], arm[i])
+        v[i] = v[i - 1] + cross(omega[i - 1], front[i - 1]) - cross(omega[i], rear[i])
     for i in range(root - 1, -1, -1):
         omega[i] = omega[i + 1] - turn[i]
-        v[i] = v[i + 1] - cross(omega[i + 1], arm[i + 1]) - cross(omega[i], arm[i])
+        v[i] = v[i + 1] + cross(omega[i + 1], rear[i + 1]) - cross(omega[i], front[i])
     return np.hstack([v, np.einsum('iab,ia->ib', R, omega)])
 
 
@@ -255,7 +260,7 @@ def balance(
 ) -> Balance:
     """Return the balance (iv) at the predicted end, with references (n-1, 2) of the end."""
     robot, h = scene.robot, terms.h
-    M, W_tau = mass_matrix(robot), torque_directions(R)
+    M, W_tau = mass_matrix(robot), torque_directions(robot, R)
     K, D = robot.per_joint('stiffness'), robot.per_joint('damping')
     torque = K * (angle - terms.hat.angle) + D * rate  # (vii) without the rate of the end
     return Balance(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from snake_sim_ros import Robot
-from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
+from snake_sim_ros.dynamics.force_directions import E_X, E_Y, joint_normals
 from snake_sim_ros.scene import posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import cross, product, rotation_matrices
@@ -44,30 +44,33 @@ def without_drift(robot: Robot, q: Array, rule: str, furthest: Array) -> Array:
     if rule == 'none':
         return q
     center = posture.center_of_mass(robot, q)
-    half = robot.per_link('link_length') / 2
+    places = robot.chain.places
     for i in range(robot.link_count - 1):
+        for k in range(len(joint_normals(robot, rotation_matrices(q[:, 3:]), i))):
+            a, b = joint_normals(robot, rotation_matrices(q[:, 3:]), i)[k]
+            normal = cross(a, b)
+            cosine = float(np.linalg.norm(normal))
+            theta = math.atan2(a @ b, cosine)
+            turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
+            q[i + 1, 3:] = product(turn, q[i + 1, 3:])
+        turn_back(robot, q, i, furthest)
         R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
-        normal = cross(R_i @ E_Y, R_next @ E_X)
-        cosine = float(np.linalg.norm(normal))
-        theta = math.atan2((R_i @ E_Y) @ (R_next @ E_X), cosine)
-        turn = np.array([math.cos(theta / 2), *(math.sin(theta / 2) / cosine * normal)])
-        q[i + 1, 3:] = product(turn, q[i + 1, 3:])
-        turn_back(q, i, furthest)
-        R_next = rotation_matrices(q[i + 1 : i + 2, 3:])[0]
-        q[i + 1, :3] = q[i, :3] + half[i] * R_i @ E_Z + half[i + 1] * R_next @ E_Z
+        q[i + 1, :3] = q[i, :3] + R_i @ places.distal[i] - R_next @ places.proximal[i + 1]
     if rule == 'center_of_mass':
         q[:, :3] += center - posture.center_of_mass(robot, q)
     return q
 
 
-def turn_back(q: Array, i: int, furthest: Array) -> None:
-    """Turn link i+1 about e_y of link i and its own e_x until both angles are in bounds."""
+def turn_back(robot: Robot, q: Array, i: int, furthest: Array) -> None:
+    """Turn link i+1 about the axes of the joint before it until both angles are in bounds."""
     for k in range(2):
-        R_i, R_next = rotation_matrices(q[i : i + 2, 3:])
-        angle = float(posture.joint_angles(q[i : i + 2])[0, k])
+        inner, outer = posture.joint_frames(rotation_matrices(q[:, 3:]), robot)
+        angle = float(posture.joint_angles(q, robot)[i, k])
         if abs(angle) > furthest[i, k]:
             half = (math.copysign(furthest[i, k], angle) - angle) / 2
-            turn = np.array([math.cos(half), *(math.sin(half) * (R_i @ E_Y, R_next @ E_X)[k])])
+            turn = np.array(
+                [math.cos(half), *(math.sin(half) * (inner[i] @ E_Y, outer[i] @ E_X)[k])]
+            )
             q[i + 1, 3:] = product(turn, q[i + 1, 3:])
 
 

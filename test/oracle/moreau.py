@@ -98,8 +98,12 @@ def joint_torque_law(
     """Return torque [N m] and damping [N m s] of the controllers of all axes, (2(n-1),)."""
     robot = scene.robot
     kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
-    starts = np.stack([posture.joint_angles(state.q), posture.joint_rates(state.q, state.u)], -1)
-    mids = np.stack([posture.joint_angles(q_M), posture.joint_rates(q_M, state.u)], -1)
+    starts = np.stack(
+        [posture.joint_angles(state.q, robot), posture.joint_rates(state.q, state.u, robot)], -1
+    )
+    mids = np.stack(
+        [posture.joint_angles(q_M, robot), posture.joint_rates(q_M, state.u, robot)], -1
+    )
     scheme, dt = PD_SCHEMES.index(scene.pd_scheme), scene.dt
     measured = mids[..., 0] - dt / 2 * mids[..., 1]
     angle, rate, loop = dense_control(scene, control, measured, angle, rate)
@@ -286,7 +290,7 @@ class DenseStepper:
         n, history = robot.link_count, copied(history)
         q_M = middle_coordinates(state, dt)  # (72)
         torque, damping = joint_torque_law(scene, state, q_M, history.control, angle, rate)
-        of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M)
+        of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M, robot)
         low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
         high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
@@ -303,7 +307,7 @@ class DenseStepper:
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
 
-        limit, rates = scene.solver.iteration_limit, posture.joint_rates(q_M, state.u)
+        limit, rates = scene.solver.iteration_limit, posture.joint_rates(q_M, state.u, robot)
         found, rates, _, iterations, settled = solve_laws_of_axes(
             laws, of_joints.inertia, rates, solve, limit
         )
@@ -321,7 +325,7 @@ class DenseStepper:
 
         gamma, u_E = terms.shifted_velocities(u_E), u_E.reshape(n, 6)
         q_free = end_coordinates(state.q, q_M, state.u, moving, dt)  # (83)
-        furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q), angle_M)
+        furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q, robot), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
         closing = Closing(terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size)
         start = terms.start_gap, terms.W_N.T @ state.u.ravel()
@@ -343,7 +347,7 @@ class DenseStepper:
             printed_residual_max=residual(0.0),
             penetration_max=max(0.0, -float(scene_gaps(scene, q_E).min())),
             joint_gap_max=_largest(g_J[:, :3]),
-            joint_twist_max=_largest(g_J[:, 3]),
+            joint_twist_max=_largest(g_J[:, 3:]),
             contacts=len(terms.active),
             joint_torque=laws.controller(rates) / dt,
         )
@@ -362,7 +366,7 @@ class DenseStepper:
         W_N, W_T, W_V = (_columns(W, active, len(gap)) for W in directions)
         gap, way = gap[active], dt / 2 * W_N.T @ state.u.ravel()
         deep = gap - way < -2 * np.abs(way) - DEEP
-        W_tau = torque_directions(R)
+        W_tau = torque_directions(robot, R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
         h += pushes.generalized(pushes.step(), R)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes

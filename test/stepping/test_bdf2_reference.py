@@ -37,10 +37,11 @@ LINKS, SPEEDS, LIFTS = (1, 2, 5, 11), (0.05, 0.2, 0.5), (0.0, 1e-4, 1e-3)  # m/s
 
 
 def random_scene(rng, links, friction, dt, **settings):
-    """Return a scene with a robot whose links differ."""
+    """Return a scene with a robot whose links differ; `robot` makes another kind of robot."""
+    make = settings.pop('robot', random_robot)
     solver = Solver(iteration_limit=200, residual_tolerance=RESIDUAL)
     return Scene(
-        robot=random_robot(rng, links), friction=friction, solver=solver, dt=dt, method='bdf2',
+        robot=make(rng, links), friction=friction, solver=solver, dt=dt, method='bdf2',
         level='spatial', **settings,
     )  # fmt: skip
 
@@ -49,7 +50,7 @@ def lying(rng, scene, bend):
     """Return coordinates of a robot with yaw between `bend` that touches the ground."""
     robot, joints = scene.robot, scene.robot.link_count - 1
     angle = np.column_stack([rng.uniform(*bend, joints), rng.uniform(-0.003, 0.003, joints)])
-    q = chain_coordinates(robot, angle)
+    q = chain_coordinates(robot, angle * robot.chain.places.present)
     first = product(
         about(2, rng.uniform(-3, 3)), product(about(1, rng.uniform(-0.003, 0.003)), FLAT)
     )
@@ -65,7 +66,7 @@ def motion(rng, robot, q, speed):
     n = robot.link_count
     rest = dense_bdf2.motion_of(robot, State(q, np.zeros((n, 6))))
     u = np.tile(rng.uniform(-1.0, 1.0, 6) * speed, (n, 1))
-    rate = rng.uniform(-3.0, 3.0, (n - 1, 2)) * [speed, 0.3 * speed]
+    rate = rng.uniform(-3.0, 3.0, (n - 1, 2)) * [speed, 0.3 * speed] * robot.chain.places.present
     R = rotation_matrices(q[:, 3:])
     u = dense_bdf2.chain_velocities(robot, R, rest._replace(rate=rate, u=u))
     return rest._replace(rate=rate, u=u)
@@ -77,8 +78,11 @@ def one_before(rng, robot, now, dt):
     def change(x):
         return x + dt * rng.uniform(-5.0, 5.0, x.shape)
 
-    pose = dense_bdf2.moved(robot, now.pose, -dt, now.pose, now.u)
-    return Motion(pose, now.angle - dt * now.rate, change(now.rate), change(now.u))
+    pose, present = (
+        dense_bdf2.moved(robot, now.pose, -dt, now.pose, now.u),
+        robot.chain.places.present,
+    )
+    return Motion(pose, now.angle - dt * now.rate, present * change(now.rate), change(now.u))
 
 
 def memory_of(robot, q, now, before, dt, phase):
@@ -116,7 +120,7 @@ def random_case(
         if lift == 0.0:
             history.impulse[:, 0] = rng.uniform(0.0, 1e-1, count) * rng.integers(0, 2, count)
     state = State(q, now.u if phase != UNKNOWN else now.u + rng.uniform(-0.1, 0.1, now.u.shape))
-    angle = joint_angles(q) + rng.uniform(-0.05, 0.05, now.rate.shape)
+    angle = joint_angles(q, scene.robot) + rng.uniform(-0.05, 0.05, now.rate.shape)
     return scene, state, history._replace(memory=memory), angle, rng.uniform(-1, 1, now.rate.shape)
 
 

@@ -349,7 +349,7 @@ def test_heavy_link_is_carried(method, ratio, delta):
 def pitch_frequencies(robot):
     """Return the eigenfrequencies of the vertical joint modes of the straight robot [rad/s]."""
     R = rotation_matrices(straight(robot).q[:, 3:])
-    M, W_J, W_tau = mass_matrix(robot), joint_directions(robot, R), torque_directions(R)
+    M, W_J, W_tau = mass_matrix(robot), joint_directions(robot, R), torque_directions(robot, R)
     motions = null_space(W_J.T)
     rates = W_tau.T @ motions
     mobility = rates @ np.linalg.solve(motions.T @ M @ motions, rates.T)

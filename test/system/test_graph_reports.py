@@ -8,7 +8,7 @@ import sys
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import Process
 import numpy as np
-from offline import HORIZON, nanoseconds
+from offline import HORIZON
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration

@@ -112,7 +112,7 @@ def step_in_the_air(
     W_J, M_inv = joint_directions(robot, R), 1.0 / np.diag(mass_matrix(robot))
     torque = controller_torques(scene, state, unit_q_M, angle, rate)
     h = smooth_forces(robot, np.array(scene.gravity), state.u)
-    gained = M_inv * (h + torque_directions(R) @ torque) * dt
+    gained = M_inv * (h + torque_directions(robot, R) @ torque) * dt
     G_J = W_J.T @ (M_inv[:, None] * W_J)
     P_J = -np.linalg.solve(G_J, sign * W_J.T @ u_A + W_J.T @ gained)
     u_E = u_A + gained + M_inv * (W_J @ P_J)

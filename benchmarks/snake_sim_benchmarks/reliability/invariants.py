@@ -119,7 +119,7 @@ def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
     """Return the terms of a step; parameters are those of `of_step`."""
     q_M = with_unit_parameters(middle_coordinates(before, scene.dt))
     R, mass = rotation_matrices(q_M[:, 3:]), np.diag(mass_matrix(scene.robot))
-    W_tau, (gap, *directions) = torque_directions(R), scene_contacts(scene, q_M)
+    W_tau, (gap, *directions) = torque_directions(scene.robot, R), scene_contacts(scene, q_M)
     parts = [part.reshape(len(mass), len(gap), -1) for part in directions]
     h = smooth_forces(scene.robot, np.array(scene.gravity), before.u)
     force = scene.dt * (h + W_tau @ torque.ravel())

@@ -193,12 +193,12 @@ def place_end(
     count, h_q, most_closings, was_deep = ending
     laws, closed, contacts, chain = problem
     geometry, solution = contacts.geometry, contacts.solution
-    offset, radius, move = model.robot.contact_offset, model.robot.contact_radius, own.closing
+    robot, move = model.robot, own.closing
     for a in closed:
         solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
         geometry.start_gap[a] = 0.0
         if was_deep:
-            gap = gap_at(model.obstacles, offset, radius, q_start, contacts, a)
+            gap = gap_at(model.obstacles, robot, q_start, contacts, a)
             geometry.start_gap[a] = min(gap, 0.0)
     for attempt in range(most_closings + 1):
         to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
@@ -214,11 +214,10 @@ def place_end(
         elif attempt > 0:
             break
         reach_end(h_q, model.robot.mass, own.star.pose, own.hat, own.moving)
-        chain_coordinates(
-            model.robot.half_length, model.robot.mass, own.moving.pose, own.moving.angle, own.q
-        )
+        moving = own.moving
+        chain_coordinates(robot.places, robot.mass, moving.pose, moving.angle, own.q)
         for a in closed:
-            solution.end_gap[a] = gap_at(model.obstacles, offset, radius, own.q, contacts, a)
+            solution.end_gap[a] = gap_at(model.obstacles, robot, own.q, contacts, a)
 
 
 @compiled

@@ -23,6 +23,7 @@ from snake_sim_ros.dynamics.kinematics import (
     end_velocities,
     half_rotation,
     joint_coordinates,
+    joint_frames,
     keep_coordinates,
     link_frames,
     mean_of_links,
@@ -139,9 +140,11 @@ def predict_end(
     """Fill own.star, and the geometry of the chain and its twists at the predicted end."""
     star, chain = own.star, work.chain
     reach_end(h_q, model.robot.mass, memory.end.pose, own.hat, star)
-    chain_coordinates(model.robot.half_length, model.robot.mass, star.pose, star.angle, work.q_mid)
+    places, frames = model.robot.places, work.frames
+    chain_coordinates(places, model.robot.mass, star.pose, star.angle, work.q_mid)
     link_frames(work.q_mid[:, 3:], work.R)
-    chain_geometry(model.robot.half_length, work.R, work.center, chain.axis)
+    joint_frames(places, work.R, frames)
+    chain_geometry(places, work.R, frames, work.center, chain.axis)
     if memory.phase[0] == UNKNOWN:  # the rates of the joints do not tell the velocities of links
         rates_in_inertial_frame(work.R, star.u, work.omega)
         twists(star.u, work.omega, work.center, chain.twist)
@@ -174,7 +177,7 @@ def keep_velocities(work: Workspace, motion: Motion) -> None:
     """Fill the velocities of a motion with the solution of the chain."""
     R, twist = work.R, work.chain.twist
     end_velocities(twist, R, work.center, motion.u)
-    joint_rates(R, twist, motion.rate)
+    joint_rates(work.frames, twist, motion.rate)
 
 
 @inlined
@@ -270,20 +273,18 @@ def recognize(model: Model, work: Workspace, q: Array, u: Array, memory: Bdf2Mem
     if same:
         return
     link_frames(q[:, 3:], work.R)
+    places, frames = model.robot.places, work.frames
+    joint_frames(places, work.R, frames)
     rates_in_inertial_frame(work.R, u, work.omega)
-    agrees = (
-        joint_violation_rate(model.robot.half_length, work.R, u, work.omega) <= CONSISTENT_SPEED
-    )
+    agrees = joint_violation_rate(places, work.R, frames, u, work.omega) <= CONSISTENT_SPEED
     memory.phase[0], memory.ticks[0] = ANEW if agrees else UNKNOWN, 0.0
-    memory.depth[0] = penetration(
-        model.obstacles, model.robot.contact_offset, model.robot.contact_radius, q
-    )
-    joint_coordinates(work.R, work.omega, work.coordinate[1])
+    memory.depth[0] = penetration(model.obstacles, model.robot, q)
+    joint_coordinates(frames, work.omega, work.coordinate[1])
     end.pose[0], end.pose[1], end.pose[2] = mean_of_links(model.robot.mass, q)
     for k in range(3, 7):
         end.pose[k] = q[n // 2, k]
     for j in range(n - 1):
         for k in range(2):
-            end.angle[j, k] = work.coordinate[1, j, k, 0]
-            end.rate[j, k] = work.coordinate[1, j, k, 1]
+            end.angle[j, k] = places.present[j, k] * work.coordinate[1, j, k, 0]
+            end.rate[j, k] = places.present[j, k] * work.coordinate[1, j, k, 1]
     keep_state(q, u, memory.q, end.u)

@@ -50,7 +50,12 @@ from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
 from snake_sim_ros.contact.problem import Outcome, Problem
-from snake_sim_ros.dynamics.balance import joint_rates, link_inertia, smooth_momentum
+from snake_sim_ros.dynamics.balance import (
+    hold_absent_axes,
+    joint_rates,
+    link_inertia,
+    smooth_momentum,
+)
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
 from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
@@ -65,6 +70,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     stop_axis,
     Trial,
 )
+from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2.events import (
     add_approaching,
@@ -165,7 +171,7 @@ def axes_change(
     if not laws.present:
         return False
     chain = work.chain
-    joint_rates(work.R, chain.twist, work.axes.rate)
+    joint_rates(work.frames, chain.twist, work.axes.rate)
     loads = chain.torque, chain.damping[:, ::2]
     return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
 
@@ -188,9 +194,9 @@ def joints_meet_stops(laws: JointLaws, rate: Array, work: Workspace) -> bool:
 
 
 @inlined
-def begin_impact(laws: JointLaws, work: Workspace) -> None:
+def begin_impact(robot: Mechanism, work: Workspace) -> None:
     """Fill the laws of the joints in an impact: the torques stay what they are."""
-    axes, chain = work.axes, work.chain
+    laws, axes, chain = robot.joint_laws, work.axes, work.chain
     for j in range(len(work.applied)):
         for k in range(2):
             if laws.present:
@@ -199,6 +205,7 @@ def begin_impact(laws: JointLaws, work: Workspace) -> None:
                 )
             else:
                 chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
+    hold_absent_axes(robot.places, chain)
 
 
 class Terms(NamedTuple):
@@ -235,6 +242,7 @@ def begin_part(
         chain.damping[j, 1] = 0.0
     if model.robot.joint_laws.present:
         begin_axes(model.robot.joint_laws, own, work, history.memory.end.angle, h, h_q)
+    hold_absent_axes(model.robot.places, chain)
     link_inertia(model.robot, work.R, work.center, chain.bare)
     velocities = own.hat.u, own.star.u
     smooth_momentum(model.robot, h, velocities, work.R, work.center, chain.momentum)
@@ -317,7 +325,7 @@ def solve_landing(
         if not (found.lands and outcome.converged):
             break
         count, impact = keep_closed(closed, contacts, model.closed_gap), True
-        begin_impact(model.robot.joint_laws, work)
+        begin_impact(model.robot, work)
     return True, found, count
 
 
@@ -351,9 +359,7 @@ def one_part(own: Bdf2Arrays, model: Model, work: Workspace, task: Task, steps: 
         most_closings = MOST_CLOSINGS if report.iterations < task.most else 0
         ending = Ending(count, h_q, most_closings, memory.depth[0] > DEEP)
         place_end(model, own, work, problem, ending, steps.q)
-        depth = penetration(
-            model.obstacles, model.robot.contact_offset, model.robot.contact_radius, own.q
-        )
+        depth = penetration(model.obstacles, model.robot, own.q)
     return Part(is_small, found, h, depth)
 
 

@@ -178,8 +178,8 @@ def fill_grips(
     for i in range(n):
         center_x, center_y = x + work.center[i, 0], y + work.center[i, 1]
         arm_x, arm_y = model.offset[i] * work.heading[i, 0], model.offset[i] * work.heading[i, 1]
-        fill_grip(patches, work.contacts, i, center_x + arm_x, center_y + arm_y)
-        fill_grip(patches, work.contacts, n + i, center_x - arm_x, center_y - arm_y)
+        fill_grip(patches, work.contacts, i, (center_x + arm_x, center_y + arm_y), 1.0)
+        fill_grip(patches, work.contacts, n + i, (center_x - arm_x, center_y - arm_y), 1.0)
 
 
 @inlined

@@ -13,7 +13,7 @@ from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
-from snake_sim_ros.scene.obstacles import contact_count, first_peg, is_flat
+from snake_sim_ros.scene.obstacles import contact_count, contact_links, first_peg, is_flat
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Scene
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import named_arrays
@@ -138,7 +138,7 @@ LIMP_STIFFNESS = 1e-6  # pitch stiffness up to which joints do not hold the robo
 def make_planar_model(scene: Scene) -> PlanarModel:
     """Return the model of a planar scene."""
     spatial, n = make_model(scene), scene.robot.link_count
-    half, mass, dt = spatial.robot.half_length, spatial.robot.mass, scene.dt
+    half, mass, dt = scene.robot.per_link('link_length') / 2, spatial.robot.mass, scene.dt
     stiffness, damping = spatial.robot.stiffness, spatial.robot.damping
     pitch = stiffness[:, 1]
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
@@ -146,13 +146,13 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     held = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     keeps_center = held or scene.method == 'bdf2'
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
-    radius = float(spatial.robot.contact_radius[0])
+    radius = float(scene.robot.per_link('contact_radius')[0])
     return PlanarModel(
         half_length=half,
         mass=mass,
         inertia=spatial.robot.inertia_transversal,
         inertia_axial=spatial.robot.inertia_axial,
-        offset=spatial.robot.contact_offset,
+        offset=scene.robot.per_link('contact_offset'),
         radius=radius,
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
@@ -198,7 +198,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         chain=make_chain(n),
         upright=make_chain(n),
         closed=closed,
-        contacts=make_contacts(count),
+        contacts=make_contacts(contact_links(scene)),
         twist=np.zeros((n, 3)),
         moving=np.zeros((n, 3)),
         standing=record_array(1, STANDING),

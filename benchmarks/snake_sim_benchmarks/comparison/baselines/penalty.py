@@ -52,7 +52,7 @@ def penalty_forces(
     """
     geometry, solution = contacts.geometry, contacts.solution
     for a in closed:
-        gap, half_mass = geometry.gap[a], 0.5 * mass[link_of(laws.other, contacts, len(mass), a)]
+        gap, half_mass = geometry.gap[a], 0.5 * mass[geometry.link[a]]
         damping = 2.0 * law.damping_ratio * math.sqrt(law.stiffness * half_mass)
         push = (
             max(0.0, -law.stiffness * gap - damping * solution.gamma[a, 0]) if gap < 0.0 else 0.0

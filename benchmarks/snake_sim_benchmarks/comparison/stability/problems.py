@@ -422,7 +422,7 @@ def control_limit(method: str, robot: Robot) -> float:
     if scheme not in ('start', 'midpoint'):
         return math.nan
     state = flying(Scene(robot=robot))
-    W_tau = torque_directions(rotation_matrices(state.q[:, 3:]))
+    W_tau = torque_directions(robot, rotation_matrices(state.q[:, 3:]))
     mobility = operator(robot, state.q, W_tau)
     limits = []
     for axis, name in enumerate(('yaw', 'pitch')):

@@ -20,11 +20,9 @@ def main() -> None:
     (x, y, _), samples = recorded.path[-1], len(recorded.time)
     seconds = recorded.time[-1] - recorded.time[0]
     print(f'{samples} samples, {seconds:.2f} s, ends at ({x:.3f}, {y:.3f}) m')
-    joint, axis = np.unravel_index(
-        np.abs(recorded.joint_torque).max(axis=0).argmax(), recorded.joint_torque.shape[1:]
-    )
-    largest = np.abs(recorded.joint_torque[:, joint, axis]).max()
-    print(f'largest torque {largest:.2f} N m, joint_{joint + 1}_{("yaw", "pitch")[axis]}')
+    largest = np.abs(recorded.joint_torque).max(axis=0)
+    name = recorded.scene.robot.axis_names[largest.argmax()]
+    print(f'largest torque {largest.max():.2f} N m, {name}')
     for name, value in recorded.metrics.items():
         print(f'{name}: {"not known" if value is None else f"{value:.4g}"}')
     if arguments.plot:

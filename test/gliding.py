@@ -16,7 +16,7 @@ def glide(n=3, samples=51, way=0.3, up=0.0, **scene):
     """Return a straight robot along e_x, head first, that glides along -e_x at 50 samples a s."""
     x = 0.122 * np.arange(n) - np.linspace(0.0, way, samples)[:, None]
     lift = RADIUS + np.broadcast_to(up, x.shape)
-    joints = np.zeros((samples, n - 1, 2))
+    joints = np.zeros((samples, 2 * (n - 1)))
     return Trajectory(
         scene=Scene(robot=Robot(link_count=n), **scene),
         time=START + np.arange(samples) / 50,

@@ -15,7 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.nodes.bag_writer import BagWriter
-from snake_sim_ros.nodes.messages import command_message, joint_names, stamp_from
+from snake_sim_ros.nodes.messages import command_message, stamp_from
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.scene import gait
 
@@ -42,7 +42,7 @@ def write_messages(path, messages, scene=None, prefix='/'):
 
 def gait_commands(scene, times):
     """Return the messages of a gait node at some times."""
-    names, count = joint_names(scene.robot.link_count), scene.robot.link_count - 1
+    names, count = list(scene.robot.axis_names), scene.robot.link_count - 1
     return [
         ('joint_command', t, command_message(names, stamp_from(round(t * 1e9)), *told))
         for t, *told in zip(times, *gait.reference(scene.gait, times, count), strict=True)
@@ -51,7 +51,7 @@ def gait_commands(scene, times):
 
 def state_messages(recording, pose='link_poses', lag=0.0):
     """Return the messages of joint states and poses; they are recorded some time [s] later."""
-    names = joint_names(recording.joint_angle.shape[1] + 1)
+    names = list(recording.scene.robot.axis_names)
     messages = []
     for t, angle in zip(recording.joint_time, recording.joint_angle, strict=True):
         message = JointState(name=names, position=angle.ravel().tolist())

@@ -38,7 +38,7 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.nodes.executors import make_executor
-from snake_sim_ros.nodes.messages import joint_names, seconds_from, stamp_from
+from snake_sim_ros.nodes.messages import seconds_from, stamp_from
 from snake_sim_ros.nodes.programs import interruptible
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import StateMessages
@@ -219,7 +219,7 @@ def processor_time(child: Child) -> float:
 def trajectory(scene: Scene, seconds: float) -> JointTrajectory:
     """Return the gait of a scene as a trajectory that begins now."""
     axes = scene.robot.link_count - 1
-    message = JointTrajectory(joint_names=joint_names(axes + 1))
+    message = JointTrajectory(joint_names=list(scene.robot.axis_names))
     times = np.arange(0.0, seconds + POINT, POINT)
     for t, *reference in zip(times, *gait.reference(scene.gait, times, axes), strict=True):
         angle, rate = (part.ravel().tolist() for part in reference)

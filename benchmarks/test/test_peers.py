@@ -303,7 +303,7 @@ def test_drives_follow_one_law(drive, integrator):
     # Steps of first order shift the force by half a step against the reference: up to A w dt/2.
     run = run_mujoco(TWO_LINKS, MujocoSettings(drive=drive, integrator=integrator), LONG)
     yaw, times = (
-        run.trajectory.joint_angle[:, 0, 0],
+        run.trajectory.joint_angle[:, 0],
         SAMPLING_PERIOD * np.arange(len(run.trajectory.path)),
     )
     shift = WAVE.amplitude * WAVE.angular_frequency * TWO_LINKS.dt / 2

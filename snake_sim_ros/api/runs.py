@@ -16,7 +16,7 @@ from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory, w
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
-from snake_sim_ros.scene.parameters import Array, by_dotted_names, samples_of, Scene
+from snake_sim_ros.scene.parameters import Array, by_dotted_names, Robot, samples_of, Scene
 from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
@@ -31,7 +31,9 @@ from snake_sim_ros.view.compile_bar import compile_with_bar
 ROWS = 200.0  # rows of a table a second; a spline between them is good to 1e-7 rad for waves [Hz]
 
 
-def table_of(function: Callable[[float], Any], duration: float, joint_count: int = 10) -> Table:
+def table_of(
+    function: Callable[[float], Any], duration: float, robot: Robot | None = None
+) -> Table:
     """
     Return a function of time as a table, with 200 rows a second and a cubic spline between them.
 
@@ -39,12 +41,13 @@ def table_of(function: Callable[[float], Any], duration: float, joint_count: int
     ----------
     function : callable
         ``function(t)`` returns joint angles at a time t since the gait began [s], shape
-        (n-1, 2), (yaw, pitch) of every joint [rad]; or a tuple of angles and their rates [rad/s].
-        It is called once for each row, in order of time.
+        (axes,) in the order of `Robot.axis_names`, or (n-1, 2), (yaw, pitch) of every joint
+        [rad]; or a tuple of angles and their rates [rad/s]. It is called once for each row, in
+        order of time.
     duration : float
         Time up to which the table goes [s]; after that the joints hold their angles.
-    joint_count : int, optional
-        Number of joints n-1. Default: 10, as Aiko has.
+    robot : Robot, optional
+        Default: Aiko.
 
     Raises
     ------
@@ -55,21 +58,22 @@ def table_of(function: Callable[[float], Any], duration: float, joint_count: int
     if not 0.0 < duration < math.inf:
         raise ParameterError(f'duration must be above 0 s and finite, got {duration} s')
     time = np.linspace(0.0, duration, max(2, math.ceil(duration * ROWS - 1e-9) + 1))
-    found = [references_of(function(t), joint_count, 'gait(t)') for t in time.tolist()]
+    robot = robot or Robot()
+    found = [references_of(function(t), robot, 'gait(t)') for t in time.tolist()]
     rates = [rate for _, rate in found if rate is not None]
     angles = np.array([angle for angle, _ in found])
     return Table.of(time, angles, np.array(rates) if len(rates) == len(time) else None)
 
 
-def references_of(returned: Any, joint_count: int, name: str) -> tuple[Array, Array | None]:
+def references_of(returned: Any, robot: Robot, name: str) -> tuple[Array, Array | None]:
     """
     Return angles and rates that a function of the user returned, shape (n-1, 2).
 
     Parameters
     ----------
-    returned : array_like, shape (n-1, 2), or tuple of two such
+    returned : array_like, shape (axes,) or (n-1, 2), or tuple of two such
         Angles [rad], or angles and rates [rad/s].
-    joint_count : int
+    robot : Robot
     name : str
         Name of the function, for the error.
 
@@ -79,17 +83,25 @@ def references_of(returned: Any, joint_count: int, name: str) -> tuple[Array, Ar
         If it is neither.
 
     """
-    shape = joint_count, 2
+    columns, pairs = (len(robot.axis_names),), (robot.link_count - 1, 2)
     shapes = [_shape(part) for part in returned] if isinstance(returned, tuple) else []
-    if shapes == [shape, shape]:
-        return np.asarray(returned[0], dtype=float), np.asarray(returned[1], dtype=float)
-    if _shape(returned) == shape:
-        return np.asarray(returned, dtype=float), None
+    if len(shapes) == 2 and shapes[0] == shapes[1] and shapes[0] in (columns, pairs):
+        angle, rate = (_by_joint(part, robot) for part in returned)
+        return angle, rate
+    if _shape(returned) in (columns, pairs):
+        return _by_joint(returned, robot), None
     got = ' and '.join(map(str, shapes)) if len(shapes) == 2 else _shape(returned)
     raise ParameterError(
-        f'{name} must return angles of shape {shape}, (yaw, pitch) of every joint [rad], or a '
-        f'tuple of angles and rates of that shape, got {got or type(returned).__name__}'
+        f'{name} must return angles [rad] of shape {columns}, one for each joint axis, or '
+        f'{pairs}, (yaw, pitch) of every joint, or a tuple of angles and rates of such a shape, '
+        f'got {got or type(returned).__name__}'
     )
+
+
+def _by_joint(values: Any, robot: Robot) -> Array:
+    """Return numbers of a user as (yaw, pitch) of every joint, shape (n-1, 2)."""
+    array = np.asarray(values, dtype=float)
+    return robot.by_joint(array, 0.0) if array.ndim == 1 else array
 
 
 def _shape(values: Any) -> tuple[int, ...] | None:
@@ -120,8 +132,8 @@ class Run(Trajectory):
     time                             (m,)             time of the samples [s]
     position                         (m, n, 3)        link centers in the world, z up [m]
     orientation                      (m, n, 4)        Euler parameters of the links, scalar first
-    joint_angle, joint_velocity      (m, n-1, 2)      (yaw, pitch) [rad], [rad/s]
-    joint_torque                     (m, n-1, 2)      torques of the step before a sample [N m]
+    joint_angle, joint_velocity      (m, axes)        as `scene.robot.axis_names` [rad], [rad/s]
+    joint_torque                     (m, axes)        torques of the step before a sample [N m]
     contact_sample, contact_number   (k,)             sample and number of each loaded contact
     contact_point, contact_force     (k, 3)           its place [m] and force [N] in the world
     path                             (m, 3)           center of the middle link [m]
@@ -246,9 +258,9 @@ def run(
         Samples a second [Hz].
     controller : callable, optional
         ``controller(simulation)`` is called at every sample but the last, and returns joint angles
-        of shape (n-1, 2), (yaw, pitch) of every joint [rad], or a tuple of angles and rates
-        [rad/s], which are 0 unless given. The joints are commanded both until the next sample, in
-        place of the gait.
+        of shape (axes,), in the order of `Robot.axis_names`, or (n-1, 2), (yaw, pitch) of every
+        joint [rad], or a tuple of angles and rates [rad/s], which are 0 unless given. The joints
+        are commanded both until the next sample, in place of the gait.
     progress : callable, optional
         Called several times a second with the elapsed simulated time [s].
     **more
@@ -276,7 +288,7 @@ def run(
     compile_with_bar(simulation, single=controller is not None and steps <= MOST_SINGLE)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     if controller:
-        checked = _checked(controller, loaded.robot.link_count - 1)
+        checked = _checked(controller, loaded.robot)
         trajectory = controlled(simulation, steps, samples, checked, keep=KEPT, progress=progress)
     else:
         trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress)
@@ -311,13 +323,13 @@ def _run_of(trajectory: Trajectory) -> Run:
 
 
 def _checked(
-    controller: Callable[[Simulation], Any], joints: int
+    controller: Callable[[Simulation], Any], robot: Robot
 ) -> Callable[[Simulation], tuple[Array, Array]]:
     """Return a controller of the user as `controlled` expects it: with rates, of valid shapes."""
-    still = np.zeros((joints, 2))
+    still = np.zeros((robot.link_count - 1, 2))
 
     def references(simulation: Simulation) -> tuple[Array, Array]:
-        angle, rate = references_of(controller(simulation), joints, 'controller(simulation)')
+        angle, rate = references_of(controller(simulation), robot, 'controller(simulation)')
         return angle, still if rate is None else rate
 
     return references
@@ -341,7 +353,7 @@ def _scene_and_names(
     if callable(gait) or isinstance(gait, (Table, str, Path)):
         scene = parameters.with_settings(scene, {k: v for k, v in settings.items() if k != 'gait'})
         if callable(gait):
-            gait = table_of(gait, scene.duration, scene.robot.link_count - 1)
+            gait = table_of(gait, scene.duration, scene.robot)
         settings['gait'] = Gait()
         changed = parameters.with_settings(replace(scene, gait=Gait()), {'gait.table': gait})
     else:

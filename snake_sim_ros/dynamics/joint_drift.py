@@ -24,9 +24,9 @@ from snake_sim_ros.dynamics.kinematics import (
     carried_part,
     carried_place,
     JointFrames,
-    JointPlaces,
 )
 from snake_sim_ros.dynamics.spatial_vectors import Three
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS
 
 SMALL_SQUARE = 1e-6  # of a sine; its third power is below rounding

@@ -360,7 +360,10 @@ def axis_z(q: Array, i: int) -> Three:
 @inlined
 def carried(q: Array, i: int, x: float, y: float, z: float) -> Three:
     """Return the vector (x, y, z) of link i in I, from coordinates q with unit parameters."""
-    a, b, c = axis_x(q, i), axis_y(q, i), axis_z(q, i)
+    c = axis_z(q, i)
+    if x == 0.0 and y == 0.0:  # along the link, as all places of Aiko are
+        return z * c[0], z * c[1], z * c[2]
+    a, b = axis_x(q, i), axis_y(q, i)
     return (
         x * a[0] + y * b[0] + z * c[0],
         x * a[1] + y * b[1] + z * c[1],
@@ -487,13 +490,8 @@ def place_link(beyond: Array, near: Array, q: Array, i: int, beside: int) -> Non
 @inlined
 def sphere_height(spheres: Spheres, q: Array, a: int) -> float:
     """Return the height of the lowest point of sphere a over z = 0 [m]."""
-    i, place = spheres.link[a], spheres.place
-    up_x, up_y, up_z = axis_x(q, i)[2], axis_y(q, i)[2], axis_z(q, i)[2]
-    return (
-        q[i, 2]
-        + (place[a, 0] * up_x + place[a, 1] * up_y + place[a, 2] * up_z)
-        - spheres.radius[a]
-    )
+    i = spheres.link[a]
+    return q[i, 2] + carried_place(q, i, spheres.place, a)[2] - spheres.radius[a]
 
 
 @merged

@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 import yaml
 
 from snake_sim_ros.nodes.diagnostics import status_of, values_of
-from snake_sim_ros.nodes.messages import command_message, joint_names, LATCHED, stamp_from
+from snake_sim_ros.nodes.messages import command_message, LATCHED, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.state_publishers import MARKER_PERIOD, SceneMarkers, TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
@@ -209,7 +209,7 @@ class RunTopics:
     def __init__(self, bag: BagWriter, scene: Scene, measure: Measure | None = None) -> None:
         self._bag, self._scene, self._measure = bag, scene, measure
         self._messages, self._markers = StateMessages(scene.robot), SceneMarkers(scene)
-        self._names = joint_names(scene.robot.link_count)
+        self._names = list(scene.robot.axis_names)
         self._due = {'/markers': 0.0, '/diagnostics': DIAGNOSTICS_PERIOD}
         for topic, kind, qos in (
             ('/robot_description', String, LATCHED),
@@ -232,9 +232,10 @@ class RunTopics:
     def observe(self, simulation: Simulation) -> None:
         """Write the state of the simulation, then the clock."""
         now, messages = round(simulation.time * 1e9), self._messages
-        count = self._scene.robot.link_count - 1
-        reference = gait.reference(self._scene.gait, simulation.time, count)
-        command = command_message(self._names, stamp_from(now), *reference)
+        robot = self._scene.robot
+        reference = gait.reference(self._scene.gait, simulation.time, robot.link_count - 1)
+        angle, rate = map(robot.by_axis, reference)
+        command = command_message(self._names, stamp_from(now), angle, rate)
         self._bag.write('/joint_command', now, serialize_message(command)[:-SURPLUS])
         messages.fill(now, simulation.state, simulation.last.joint_torque)
         if self._measure:

@@ -223,7 +223,8 @@ class CommandInbox:
             *self._sampled(now, 0.0),
             *joint_motion(self._simulation.scene.robot, state.q[None], state.u[None]),
         )
-        return Tracked(*(values.reshape(-1)[motion.axes] for values in numbers))
+        signs = self._simulation.scene.robot.place_signs[motion.axes]
+        return Tracked(*(signs * values.reshape(-1)[motion.axes] for values in numbers))
 
     def stop(self, motion: Motion) -> None:
         """Hold the joints of a trajectory where they are commanded to be at the simulated time."""

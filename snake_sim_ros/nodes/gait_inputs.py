@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.executors import ThrottledWarnings
-from snake_sim_ros.nodes.messages import EPOCH, joint_names
+from snake_sim_ros.nodes.messages import EPOCH
 from snake_sim_ros.scene.parameters import Array, Robot
 
 # ---- jumps --------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ class MeasuredStart:
     ) -> None:
         self._node, self._robot, self._used = node, robot, used
         self._clock, self._jumps = clock, jumps
-        self._names = joint_names(robot.link_count)
+        self._names = list(robot.axis_names)
         self._last: Measured | None = None
         self._put_back = self._refused = False
         self._missing_since: float | None = None  # s on the monotonic clock
@@ -304,10 +304,10 @@ class MeasuredStart:
         None if they are not known, or the same as those at the start of the gait.
         """
         angle = self._angles(now) if self._used else None
-        if angle is None or np.abs(angle - start.ravel()).max() <= SAME:
+        if angle is None or np.abs(angle - self._robot.by_axis(start)).max() <= SAME:
             return None
         limit = self._robot.joint_limit
-        return np.clip(angle, -limit, limit).reshape(start.shape)
+        return self._robot.by_joint(np.clip(angle, -limit, limit), 0.0)
 
     def _angles(self, now: int) -> Array | None:
         last = self._last

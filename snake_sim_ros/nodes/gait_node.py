@@ -37,7 +37,7 @@ from snake_sim_ros.nodes.gait_inputs import (
     steering_from,
     time_of,
 )
-from snake_sim_ros.nodes.messages import COMMAND_FORMS, joint_names
+from snake_sim_ros.nodes.messages import COMMAND_FORMS
 from snake_sim_ros.nodes.node_parameters import (
     declare,
     parameter_fields,
@@ -115,7 +115,7 @@ class GaitNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
 
-        self.names = joint_names(self.robot.link_count)
+        self.names = list(self.robot.axis_names)
         self.period = 1.0 / self.settings.publish_rate
         self.begin: int | None = None  # time of the clock [ns]
         self.why = ''  # why the gait starts over
@@ -150,7 +150,8 @@ class GaitNode(Node):
         seconds = 1e-9 * (now.nanoseconds - self.begin)
         if self.target != self.blend.gait:
             self.blend = self.blend.changed(seconds, self.target)
-        angle, rate = self.blend.reference(seconds + self.form.ahead * self.period)
+        reference = self.blend.reference(seconds + self.form.ahead * self.period)
+        angle, rate = map(self.robot.by_axis, reference)
         period = round(1e9 * self.period)
         self.commands.publish(self.form.message(self.names, now.to_msg(), angle, rate, period))
 

@@ -16,12 +16,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from snake_sim_ros.scene.parameters import Array
 
-
-def joint_names(link_count: int) -> list[str]:
-    """Return the names of all joint axes of a robot, in their fixed order along the robot."""
-    return [f'joint_{i}_{axis}' for i in range(1, link_count) for axis in ('yaw', 'pitch')]
-
-
 # Who subscribes later still gets the last message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 EPOCH = 1e8  # s; a later stamp is that of a wall clock: simulated time begins at zero
@@ -57,7 +51,7 @@ class CommandForm:
     """
     One form of joint commands.
 
-    A message is made of joint names, stamp, angle [rad] and rate [rad/s] of shape (n-1, 2), and
+    A message is made of joint names, stamp, angle [rad] and rate [rad/s] of shape (axes,), and
     publish period [ns].
     """
 
@@ -70,7 +64,7 @@ class CommandForm:
 def command_message(
     names: list[str], stamp: Time, angle: Array, rate: Array, _: int = 0
 ) -> JointState:
-    """Return a joint command for all joints; angle [rad] and rate [rad/s] have shape (n-1, 2)."""
+    """Return a joint command for all joints; angle [rad] and rate [rad/s] have shape (axes,)."""
     message = JointState(name=names)
     message.header.stamp = stamp
     message.position = _doubles(angle)

@@ -10,7 +10,7 @@ a sentence reports it. Any other message that is not usable is rejected with one
 from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -18,7 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.gaits.joint_reference import JointReference, Motion, motion_through, NONE
-from snake_sim_ros.nodes.messages import EPOCH, joint_names, seconds_from
+from snake_sim_ros.nodes.messages import EPOCH, seconds_from
 from snake_sim_ros.scene.checked_records import cut, quoted
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -89,7 +89,7 @@ def joint_command(
     topic, names = 'joint_command', list(message.name)
     axes = axes_of(topic, names, robot)
     count = len(names)
-    effort = _efforts(message, names, axes) if robot.effort_commands else None
+    effort = _efforts(message, names, robot) if robot.effort_commands else None
     if effort and not message.position and not message.velocity:
         return ReceivedCommand(last, effort=effort)
     if len(message.position) != count:
@@ -111,7 +111,8 @@ def joint_command(
 
     stamp = _stamp(topic, message, last, axes, now)
     position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    reference = last.commanded(axes, stamp, position, velocity)
+    signs = signs_of(names, robot)
+    reference = last.commanded(axes, stamp, signs * position, signs * velocity)
     return ReceivedCommand(reference, clamped, effort=effort)
 
 
@@ -136,7 +137,7 @@ def _stamp(
     return stamp
 
 
-def _efforts(message: JointState, names: list[str], axes: Array) -> tuple[Array, Array] | None:
+def _efforts(message: JointState, names: list[str], robot: Robot) -> tuple[Array, Array] | None:
     """Return axes and torques of a command, None if it has none; raise if they are not usable."""
     if not message.effort:
         return None
@@ -148,7 +149,7 @@ def _efforts(message: JointState, names: list[str], axes: Array) -> tuple[Array,
         )
     effort = np.array(message.effort)
     check_finite('joint_command', 'effort', names, effort)
-    return axes, effort
+    return axes_of('joint_command', names, robot), signs_of(names, robot) * effort
 
 
 def position_commands(
@@ -163,7 +164,7 @@ def position_commands(
         If the message is not usable.
 
     """
-    topic, names = 'position_commands', joint_names(robot.link_count)
+    topic, names = 'position_commands', robot.axis_names
     position = np.array(message.data)
     if len(position) != len(names):
         raise RejectedCommand(
@@ -173,8 +174,8 @@ def position_commands(
         )
     check_finite(topic, 'position', names, position)
     position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    axes = np.arange(len(names))
-    return ReceivedCommand(last.commanded(axes, now, position, np.zeros(len(names))), clamped)
+    angle, still = robot.axis_signs * position, np.zeros(len(names))
+    return ReceivedCommand(last.commanded(robot.axis_places, now, angle, still), clamped)
 
 
 def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: float) -> str:
@@ -183,7 +184,7 @@ def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: f
     angle = np.abs(reference.angle + age * reference.rate)
     if angle.max() <= robot.joint_limit + ROUNDING:
         return ''
-    worst = joint_names(robot.link_count)[int(angle.argmax())]
+    worst = _name_of(int(angle.argmax()), robot)
     return (
         f'joint_command: {worst} is clamped to the joint limit, +-{robot.joint_limit:.4g} rad; '
         f'with its velocity it would reach {angle.max():.4g} rad'
@@ -234,20 +235,33 @@ def jump_between(
         return ''
     before, after = (float(angle.flat[worst]) for angle in angles)
     return (
-        f'{topic}: {joint_names(robot.link_count)[worst]} jumps from {before:.4g} rad to '
+        f'{topic}: {_name_of(worst, robot)} jumps from {before:.4g} rad to '
         f'{after:.4g} rad; {needed:.4g} rad/s would be needed, at most {limit:.4g} rad/s; '
         f'it is led there at that rate'
     )
 
 
-@cache
-def _axes_by_name(link_count: int) -> dict[str, int]:
-    return {name: axis for axis, name in enumerate(joint_names(link_count))}
+@lru_cache(maxsize=16)
+def _axes_by_name(robot: Robot) -> dict[str, tuple[int, float]]:
+    """Return name -> place along the robot, yaw before pitch, and sign of every axis."""
+    numbers = zip(robot.axis_places.tolist(), robot.axis_signs.tolist(), strict=True)
+    return dict(zip(robot.axis_names, numbers, strict=True))
+
+
+def _name_of(place: int, robot: Robot) -> str:
+    """Return the name of an axis at some place along the robot."""
+    return next(name for name, (at, _) in _axes_by_name(robot).items() if at == place)
+
+
+def signs_of(names: Sequence[str], robot: Robot) -> Array:
+    """Return the signs of named axes, shape (names,)."""
+    known = _axes_by_name(robot)
+    return np.array([known[name][1] for name in names])
 
 
 def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
     """Return the indices along the robot of named axes, shape (names,); raise if unknown."""
-    known = _axes_by_name(robot.link_count)
+    known = _axes_by_name(robot)
     names = list(known)
     if not given:
         raise RejectedCommand(
@@ -263,7 +277,7 @@ def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
     if len(set(given)) < len(given):
         twice = next(name for name in given if given.count(name) > 1)
         raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')
-    return np.array([known[name] for name in given])
+    return np.array([known[name][0] for name in given])
 
 
 def check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> None:
@@ -360,6 +374,8 @@ def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
     times, angle, rate = _points(message)
     _check_points(names, times, angle, rate, robot)
     angle, clamped = clamped_to(TOPIC, names, angle, robot.joint_limit)
+    signs = signs_of(names, robot)
+    angle, rate = signs * angle, None if rate is None else signs * rate
     pieces = np.zeros((len(times), 4, len(axes)))
     reach = speed = np.empty((0, len(axes)))
     if len(times) > 1:

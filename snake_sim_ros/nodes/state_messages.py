@@ -23,7 +23,6 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.sampling import joint_motion
@@ -90,13 +89,13 @@ class StateMessages:
     def __init__(self, robot: Robot, frame_prefix: str = '') -> None:
         self.robot, self.middle, n = robot, robot.middle_link, robot.link_count
         self.resolution = robot.encoder_resolution
-        names, first = joint_names(n), (MARK, 2 * MARK, 3 * MARK)
+        names, first = list(robot.axis_names), (MARK, 2 * MARK, 3 * MARK)
         position, velocity, effort = ([mark] * len(names) for mark in first)
         self.joint_states = SerializedMessage(
             JointState(name=names, position=position, velocity=velocity, effort=effort)
         )
         self.angle, self.rate, self.torque = (
-            self.joint_states.numbers(mark, n - 1, 2) for mark in first
+            self.joint_states.numbers(mark, len(names)) for mark in first
         )
 
         poses = PoseArray(poses=[Pose() for _ in range(n)])
@@ -132,12 +131,12 @@ class StateMessages:
         """
         for serialized in (self.joint_states, self.link_poses, self.odom, self.clock):
             serialized.stamp[:] = divmod(nanoseconds, 1_000_000_000)
-        self.angle[:], self.rate[:] = motion or joint_motion(
-            self.robot, state.q[None], state.u[None]
-        )
+        robot = self.robot
+        angle, rate = motion or joint_motion(robot, state.q[None], state.u[None])
+        self.angle[:], self.rate[:] = robot.by_axis(angle), robot.by_axis(rate)
         if self.resolution > 0.0:
             self.angle[:] = self.resolution * np.floor(self.angle / self.resolution + 0.5)
-        self.torque[:] = torque
+        self.torque[:] = robot.by_axis(torque)
 
         quaternion = state.q[:, 3:] @ TO_WIRE
         self.poses[:, :3] = state.q[:, :3]

@@ -186,10 +186,10 @@ class ViewerNode(Node):
         unknown = np.full((count, 2), math.nan)
         angle = torque = reference = unknown
         if joints is not None:
-            angle = from_messages.joint_axes(joints.name, joints.position, count)
-            torque = from_messages.joint_axes(joints.name, joints.effort, count)
+            angle = from_messages.joint_axes(joints.name, joints.position, robot)
+            torque = from_messages.joint_axes(joints.name, joints.effort, robot)
         if commands is not None:
-            reference = from_messages.joint_axes(commands.name, commands.position, count)
+            reference = from_messages.joint_axes(commands.name, commands.position, robot)
         position, orientation = self._poses(angle)
         markers = self.latest.get('markers')
         touched = from_messages.contacts(markers.markers) if markers is not None else None

@@ -16,7 +16,7 @@ import numpy as np
 
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene, scene_from_text
+from snake_sim_ros.scene.parameters import Array, Robot, Scene, scene_from_text
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -132,7 +132,7 @@ def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
     scene = _scene(found, text)
     n, stamp = scene.robot.link_count, np.array([time for time, _ in source])
     angle, velocity, torque = (
-        _joints(found['joint_states'], part, stamp, n - 1)
+        _joints(found['joint_states'], part, stamp, scene.robot)
         for part in ('position', 'velocity', 'effort')
     )
     if found['link_poses']:
@@ -144,7 +144,8 @@ def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
                 )
         position, orientation = (np.array(parts) for parts in zip(*poses, strict=True))
     else:
-        q = np.array([chain_coordinates(scene.robot, each) for each in np.nan_to_num(angle)])
+        by_joint = scene.robot.by_joint(np.nan_to_num(angle), 0.0)
+        q = np.array([chain_coordinates(scene.robot, each) for each in by_joint])
         q[..., 2] -= gaps(scene.robot, q).min(axis=-1, keepdims=True)
         position, orientation = q[..., :3], q[..., 3:]
     sample, point, force = _contacts(found['markers'], stamp)
@@ -258,13 +259,13 @@ def _scene(found: dict[str, Messages], text: str) -> Scene:
     return from_messages.scene_of(found['robot_description'][-1][1].data, markers)
 
 
-def _joints(messages: Messages, part: str, stamp: Array, count: int) -> Array:
-    """Return values of the joints at some times, shape (m, count, 2); nan before the first."""
-    rows = [np.full((count, 2), np.nan)]
+def _joints(messages: Messages, part: str, stamp: Array, robot: Robot) -> Array:
+    """Return values of the joint axes at some times, shape (m, axes); nan before the first."""
+    rows = [np.full((robot.link_count - 1, 2), np.nan)]
     rows += [
-        from_messages.joint_axes(item.name, getattr(item, part), count) for _, item in messages
+        from_messages.joint_axes(item.name, getattr(item, part), robot) for _, item in messages
     ]
-    return np.asarray(np.array(rows)[_latest(messages, stamp) + 1])
+    return robot.by_axis(np.array(rows)[_latest(messages, stamp) + 1])
 
 
 def _latest(messages: Messages, stamp: Array) -> Array:

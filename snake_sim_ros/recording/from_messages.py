@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Scene
+from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Robot, Scene
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
 
@@ -50,22 +50,20 @@ def poses(message: Any) -> tuple[Array, Array]:
     return numbers[:, :3], numbers[:, 3:] @ TO_WIRE.T
 
 
-def joint_axes(names: Sequence[str], values: Sequence[float], count: int) -> Array:
+def joint_axes(names: Sequence[str], values: Sequence[float], robot: Robot) -> Array:
     """
-    Return values of joints by name, shape (count, 2) as yaw and pitch; nan where there is none.
+    Return values of joints by name, shape (n-1, 2) as yaw and pitch; nan where there is none.
 
     Parameters
     ----------
     names : sequence of str
     values : sequence of float
         One for each name; empty if the message has none.
-    count : int
-        Number of joints.
+    robot : Robot
 
     """
     given = dict(zip(names, values, strict=False))
-    axes = [[f'joint_{j + 1}_yaw', f'joint_{j + 1}_pitch'] for j in range(count)]
-    return np.array([[given.get(name, np.nan) for name in pair] for pair in axes]).reshape(-1, 2)
+    return robot.by_joint(np.array([given.get(name, np.nan) for name in robot.axis_names]))
 
 
 def contacts(markers: Iterable[Any]) -> tuple[Array, Array] | None:

@@ -202,7 +202,7 @@ def write_csv(
     """
     m, n, _ = trajectory.position.shape
     links = [f'link_{i + 1}' for i in range(n)]
-    joints = [f'joint_{j + 1}_{axis}' for j in range(n - 1) for axis in ('yaw', 'pitch')]
+    joints = list(trajectory.scene.robot.axis_names)
     names = ['time [s]']
     names += [f'{link} {axis} [m]' for link in links for axis in 'xyz']
     names += [f'{link} {part}' for link in links for part in ('e0', 'e1', 'e2', 'e3')]

@@ -25,7 +25,7 @@ from snake_sim_ros.scene.checked_records import (
     quoted,
 )
 from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.rotations import product, rotation_matrices
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.simulation import Simulation
@@ -303,14 +303,14 @@ class Noise:
         return np.asarray(values + self._bias + self._deviation * drawn)
 
 
-def joint_noise(sensors: Sensors, links: int) -> Noise:
-    """Return the errors of angles, rates and torques of all joints, one after the other."""
+def joint_noise(sensors: Sensors, robot: Robot) -> Noise:
+    """Return the errors of angles, rates and torques of all joint axes, one after the other."""
     deviations = (
         sensors.joint_position_noise,
         sensors.joint_velocity_noise,
         sensors.joint_effort_noise,
     )
-    return _noise(sensors, 0, JOINTS, np.repeat(deviations, 2 * (links - 1)))
+    return _noise(sensors, 0, JOINTS, np.repeat(deviations, len(robot.axis_names)))
 
 
 def imu_noise(sensors: Sensors, link: int) -> Noise:
@@ -374,7 +374,7 @@ class SensorReader:
         self.contact_links = sensors.links('contact_force_links', n)
         self._simulation, self._steps = simulation, steps
         self._steps_in_sample = steps * sensors.states_in_sample(rate)
-        self._joints = joint_noise(sensors, n)
+        self._joints = joint_noise(sensors, simulation.scene.robot)
         self._imus = [imu_noise(sensors, link) for link in self.imu_links]
         self._contacts = [contact_noise(sensors, link) for link in self.contact_links]
         self.restart()
@@ -428,7 +428,7 @@ class SensorReader:
         return found
 
     def add_noise(self, angle: Array, rate: Array, torque: Array) -> None:
-        """Add the noise of the present state to angles, rates and torques of joints (n-1, 2)."""
+        """Add the noise of the present state to angles, rates and torques of the axes (axes,)."""
         if self._joints.is_exact:
             return
         parts = (angle, rate, torque)
@@ -460,7 +460,7 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
         specific force [m/s^2]. If contact forces are measured, ``contact_link`` (c,) with numbers
         from 1, and ``contact_wrench`` (s, c, 6) [N], [N m]. If joints have noise,
         ``measured_joint_angle``, ``measured_joint_velocity`` and ``measured_joint_torque``
-        (m, n-1, 2), at all m states.
+        (m, axes), at all m states.
 
     Raises
     ------
@@ -486,7 +486,7 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
     if touching:
         found['contact_link'] = np.array(touching) + 1
         found['contact_wrench'] = _wrenches(trajectory, sensors, touching, every)
-    noise = joint_noise(sensors, n)
+    noise = joint_noise(sensors, scene.robot)
     if not noise.is_exact:
         names = ('angle', 'velocity', 'torque')
         true = np.stack([getattr(trajectory, f'joint_{name}') for name in names], axis=1)

@@ -241,7 +241,7 @@ class Gait(CheckedRecord):
 # ---- tables in scenes and files -----------------------------------------------------------------
 
 
-def table_from(source: Any, folder: Path, joint_count: int) -> Table:
+def table_from(source: Any, folder: Path, robot: Any) -> Table:
     """
     Return the table that a scene names or holds.
 
@@ -280,7 +280,7 @@ def table_from(source: Any, folder: Path, joint_count: int) -> Table:
     path = folder / str(source['file'])
     if not is_file(path):
         raise ParameterError(f'gait.table: no file {path}')
-    columns = _recorded(path) if path.suffix == '.npz' else _columns(path, joint_count)
+    columns = _recorded(path, robot) if path.suffix == '.npz' else _columns(path, robot)
     repeat = source.get('repeat', False)
     try:
         return Table.of(*columns, repeat=repeat)
@@ -294,28 +294,31 @@ def table_to_text(table: Table) -> str:
     return json.dumps({**fields, 'repeat': table.repeat})
 
 
-def _recorded(path: Path) -> tuple[Array, Array]:
+def _recorded(path: Path, robot: Any) -> tuple[Array, Array]:
     """Return times and joint angles of an npz file, as `snake-sim run --out` writes it."""
     try:
         with np.load(path) as file:
-            return file['time'], file['joint_angle']
+            time, angle = file['time'], file['joint_angle']
     except Exception:  # broken data makes NumPy, zipfile and zlib raise whatever they like
         raise ParameterError(
             f'{path} must be an npz file with the arrays time and joint_angle, as snake-sim run '
             f'--out writes it'
         ) from None
+    is_columns = angle.ndim == 2 and angle.shape[1] == len(robot.axis_names)
+    return time, robot.by_joint(angle, 0.0) if is_columns else angle
 
 
-def _columns(path: Path, joint_count: int) -> tuple[Array, Array]:
+def _columns(path: Path, robot: Any) -> tuple[Array, Array]:
     """Return times and joint angles of a CSV file; joints without a column stay at 0."""
     try:
         header, *rows = list(csv.reader(path.read_text(encoding='utf-8-sig').splitlines())) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ParameterError(f'{path} cannot be read as CSV: {error}') from None
     header = [name.strip() for name in header]
-    places = _places(path.name, header, names_of(joint_count))
+    names = list(robot.axis_names)
+    places = _places(path.name, header, names)
     rows = [row for row in rows if any(cell.strip() for cell in row)]
-    values = np.zeros((len(rows), 1 + 2 * joint_count))
+    values = np.zeros((len(rows), 1 + len(names)))
     for k, row in enumerate(rows):
         if len(row) != len(header):
             raise ParameterError(
@@ -330,7 +333,7 @@ def _columns(path: Path, joint_count: int) -> tuple[Array, Array]:
                     f'{path.name}: {header[column]} in row {k + 1} must be a number, got '
                     f'{row[column]!r}'
                 ) from None
-    return values[:, 0], values[:, 1:].reshape(len(rows), joint_count, 2)
+    return values[:, 0], robot.by_joint(values[:, 1:], 0.0)
 
 
 def _places(file: str, header: Sequence[str], names: list[str]) -> dict[int, tuple[int, float]]:

@@ -163,7 +163,7 @@ def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
             found.append((mu, mu, mu, 0.0, 1.0))
             continue
         s = a % len(center)
-        found.append(floor_friction(scene, *center[s, :2], spheres.grip[s]))
+        found.append(floor_friction(scene, center[s, 0], center[s, 1], spheres.grip[s]))
     return np.array(found).reshape(-1, 5)
 
 

@@ -504,6 +504,70 @@ class Robot(CheckedRecord):
         return np.array(value) if isinstance(value, tuple) else np.full(count, value)
 
     @property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the joint axes, in the order of the columns of all arrays with one for each."""
+        return self.chain.names
+
+    @property
+    def axis_places(self) -> Array:
+        """Places of the joint axes among (yaw, pitch) of all joints in a row, shape (axes,)."""
+        return np.asarray(self.chain.axes @ [2, 1])
+
+    @property
+    def axis_signs(self) -> Array:
+        """Signs of the joint axes, shape (axes,): -1 where the model turns the other way."""
+        return self.chain.signs
+
+    @property
+    def place_signs(self) -> Array:
+        """The same for all (yaw, pitch) of all joints in a row, shape (2(n-1),)."""
+        signs = np.ones(2 * (self.link_count - 1))
+        signs[self.axis_places] = self.axis_signs
+        return signs
+
+    def by_axis(self, values: Array) -> Array:
+        """
+        Return values of the joint axes as columns, in the order of `axis_names`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (..., n-1, 2)
+            Of the (yaw, pitch) of every joint, as compiled code and gaits have them.
+
+        Returns
+        -------
+        ndarray, shape (..., axes)
+            For Aiko a view of the values, with 2(n-1) columns.
+
+        """
+        if not self.links:
+            return values.reshape(*values.shape[:-2], -1)
+        axes, signs = self.chain.axes, self.chain.signs
+        return np.asarray(signs * values[..., axes[:, 0], axes[:, 1]])
+
+    def by_joint(self, values: Array, absent: float = math.nan) -> Array:
+        """
+        Return columns of joint axes as (yaw, pitch) of every joint: the inverse of `by_axis`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (..., axes)
+        absent : float, optional
+            Value of an axis that a joint does not have.
+
+        Returns
+        -------
+        ndarray, shape (..., n-1, 2)
+
+        """
+        shape = *values.shape[:-1], self.link_count - 1, 2
+        if not self.links:
+            return values.reshape(shape)
+        found, (axes, signs) = np.full(shape, absent), (self.chain.axes, self.chain.signs)
+        found[..., axes[:, 0], axes[:, 1]] = signs * values
+        return found
+
+    @property
     def middle_link(self) -> int:
         """Index of the middle link: 5 for Aiko, the paper's link 6."""
         return self.link_count // 2
@@ -669,7 +733,7 @@ def _scene(mapping: Any, where: str, folder: Path) -> Scene:
     if isinstance(gait, Mapping) and gait.get('table'):
         robot = from_mapping(Robot, mapping.get('robot'), f'{where}: robot')
         try:
-            table = table_from(gait['table'], folder, robot.link_count - 1)
+            table = table_from(gait['table'], folder, robot)
         except ParameterError as error:
             raise ParameterError(f'{where}: {error}') from None
         mapping = {**mapping, 'gait': {**gait, 'table': table}}
@@ -707,8 +771,9 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
 
     """
     if (source := settings.get('gait.table')) is not None:
-        count = int(settings.get('robot.link_count', scene.robot.link_count))
-        settings = {**settings, 'gait.table': table_from(source, Path(), count - 1)}
+        count = settings.get('robot.link_count')
+        robot = scene.robot if count is None else Robot(link_count=int(count))
+        settings = {**settings, 'gait.table': table_from(source, Path(), robot)}
     changed: Scene = with_values(scene, settings)
     return changed
 

@@ -303,6 +303,27 @@ class Simulation:
         """Simulated time [s]."""
         return self.step_count * self.scene.dt
 
+    @property
+    def joint_angle(self) -> Array:
+        """Angles of the joint axes, in the order of `scene.robot.axis_names`, (axes,) [rad]."""
+        return self._joint_motion()[0]
+
+    @property
+    def joint_velocity(self) -> Array:
+        """Rates of the joint axes, shape (axes,) [rad/s]."""
+        return self._joint_motion()[1]
+
+    @property
+    def joint_torque(self) -> Array:
+        """Torques of the joint axes in the last step, shape (axes,) [N m]."""
+        return self.scene.robot.by_axis(self.last.joint_torque)
+
+    def _joint_motion(self) -> tuple[Array, Array]:
+        """Return angles and rates of the joint axes, shape (axes,)."""
+        robot, state = self.scene.robot, self.state
+        angle, rate = joint_motion(robot, state.q[None], state.u[None])
+        return robot.by_axis(angle[0]), robot.by_axis(rate[0])
+
     def midpoints(self, steps: int) -> Array:
         """Return the times at the middle of the next steps, shape (steps,) [s]."""
         return self.gait.midpoints(self.step_count, steps)

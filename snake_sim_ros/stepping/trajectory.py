@@ -29,12 +29,14 @@ class Trajectory:
         Link centers [m, frame I].
     orientation : ndarray, shape (m, n, 4)
         Euler parameters of the link frames B, scalar first.
-    joint_angle, joint_velocity, joint_torque : ndarray, shape (m, n-1, 2)
-        (yaw, pitch) [rad], [rad/s], [N m]. The torque is that of the step before, 0 at the start.
+    joint_angle, joint_velocity, joint_torque : ndarray, shape (m, axes)
+        Columns in the order of `scene.robot.axis_names` [rad], [rad/s], [N m]; `Robot.by_joint`
+        returns them as (yaw, pitch) of every joint. The torque is that of the step before, 0 at
+        the start.
     contact_sample, contact_number : ndarray of int, shape (k,)
         Every contact that carried load in the step before a sample: the index of the sample, and
-        the number of the contact as in `scene.obstacles`; -1 if it is not known. The first 2n are
-        the front, then the rear spheres on the floor.
+        the number of the contact as in `scene.obstacles`; -1 if it is not known. The first are
+        those of the spheres on the floor, of Aiko the front, then the rear ones.
     contact_point, contact_force : ndarray, shape (k, 3)
         As `contact_forces` returns them [m], [N], frame I.
     level : ndarray of str, shape (m,)
@@ -110,12 +112,13 @@ class Trajectory:
             If an array has a shape or values that no run of the scene can have.
 
         """
+        axes = len(self.scene.robot.axis_names)
         n, m, k = self.scene.robot.link_count, np.size(self.time), np.size(self.contact_sample)
         for names, kind, shape in (
             (('time',), 'f', (m,)),
             (('position',), 'f', (m, n, 3)),
             (('orientation',), 'f', (m, n, 4)),
-            (('joint_angle', 'joint_velocity', 'joint_torque'), 'f', (m, n - 1, 2)),
+            (('joint_angle', 'joint_velocity', 'joint_torque'), 'f', (m, axes)),
             (('contact_sample', 'contact_number'), 'i', (k,)),
             (('contact_point', 'contact_force'), 'f', (k, 3)),
             (('level',), 'U', (m,)),

@@ -128,7 +128,7 @@ def energy(trajectory: Trajectory) -> float:
 
     The integral is that of the trapezoidal rule over the samples.
     """
-    power = np.abs(trajectory.joint_torque * trajectory.joint_velocity).sum(axis=(1, 2))
+    power = np.abs(trajectory.joint_torque * trajectory.joint_velocity).sum(axis=1)
     return float(((power[1:] + power[:-1]) * np.diff(trajectory.time)).sum() / 2)
 
 
@@ -155,7 +155,7 @@ def slip(trajectory: Trajectory) -> float:
     if not trajectory.velocity.size:
         raise MetricError('slip needs velocities of the links, which files of runs do not keep')
     robot = trajectory.scene.robot
-    floor = trajectory.contact_number < 2 * robot.link_count
+    floor = trajectory.contact_number < len(robot.chain.spheres.link)
     sample, number = trajectory.contact_sample[floor], trajectory.contact_number[floor]
     load = trajectory.contact_force[floor, 2]
     velocity = floor_contact_velocities(robot, trajectory.coordinates, trajectory.velocity)
@@ -171,9 +171,9 @@ def peak_torque(trajectory: Trajectory) -> float:
 
 def angle_error(trajectory: Trajectory) -> float:
     """Return the largest difference of a joint angle from its reference of the gait [rad]."""
-    n = trajectory.scene.robot.link_count
-    wanted, _ = gait.reference(trajectory.scene.gait, trajectory.time, n - 1)
-    return float(np.abs(trajectory.joint_angle - wanted).max(initial=0.0))
+    robot = trajectory.scene.robot
+    wanted, _ = gait.reference(trajectory.scene.gait, trajectory.time, robot.link_count - 1)
+    return float(np.abs(trajectory.joint_angle - robot.by_axis(wanted)).max(initial=0.0))
 
 
 METRICS: dict[str, Metric] = {

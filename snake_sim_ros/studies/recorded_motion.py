@@ -259,15 +259,14 @@ def _commands(found: Mapping[str, Raw], prefix: str, clock: _Clock) -> tuple[Com
 
 def _joint_angles(raw: Raw, clock: _Clock, robot: Robot) -> tuple[Array, Array, int]:
     """Return times, angles and the number of samples without use."""
-    count = robot.link_count - 1
     angle = np.array([
-        from_messages.joint_axes(message.name, message.position, count) for _, _, message in raw
+        from_messages.joint_axes(message.name, message.position, robot) for _, _, message in raw
     ])  # fmt: skip
     angle[~np.isfinite(angle)] = np.nan
     if np.isnan(angle).all():
         raise ParameterError(
-            f'joint_states must have finite positions of joint_1_yaw, joint_1_pitch, ..., '
-            f'joint_{count}_pitch; got {", ".join(raw[-1][2].name) or "no names"}'
+            f'joint_states must have finite positions of {robot.axis_names[0]} to '
+            f'{robot.axis_names[-1]}; got {", ".join(raw[-1][2].name) or "no names"}'
         )
     time = np.array([clock(stamp, recorded) for stamp, recorded, _ in raw])
     rows = _usable(time, ~np.isnan(angle).all(axis=(1, 2)))
@@ -396,18 +395,16 @@ def references(
 def _after(command: Command, last: JointReference, robot: Robot, horizon: float) -> JointReference:
     """Return the reference after a command; one that is not usable changes nothing."""
     message, limit = command.message, robot.joint_limit
-    count = robot.link_count - 1
     if command.topic == 'position_commands':
-        angle = np.array(message.data, dtype=float)
-        if len(angle) != 2 * count or not np.isfinite(angle).all():
+        data = np.array(message.data, dtype=float)
+        if len(data) != len(robot.axis_names) or not np.isfinite(data).all():
             return last
-        still = np.zeros(len(angle))
-        axes = np.arange(len(angle))
-        return last.commanded(axes, command.time, np.clip(angle, -limit, limit), still)
+        axes, angle = robot.axis_places, robot.axis_signs * np.clip(data, -limit, limit)
+        return last.commanded(axes, command.time, angle, np.zeros(len(angle)))
     if command.topic == 'joint_trajectory':
         return _with_trajectory(command, last, robot, horizon)
-    angle = joint_axes(message.name, message.position, count).ravel()
-    rate = joint_axes(message.name, message.velocity, count).ravel()
+    angle = joint_axes(message.name, message.position, robot).ravel()
+    rate = joint_axes(message.name, message.velocity, robot).ravel()
     axes = np.flatnonzero(np.isfinite(angle))
     if not len(axes) or command.time < last.stamp.flat[axes].max():
         return last
@@ -419,18 +416,21 @@ def _with_trajectory(
     command: Command, last: JointReference, robot: Robot, horizon: float
 ) -> JointReference:
     """Return the reference with a trajectory that begins where the joints are commanded to be."""
-    message, begin, count = command.message, command.time, robot.link_count - 1
-    order = joint_axes(message.joint_names, range(len(message.joint_names)), count).ravel()
-    axes = np.flatnonzero(np.isfinite(order))
-    columns = order[axes].astype(int)
+    message, begin = command.message, command.time
+    places = dict(zip(robot.axis_names, robot.axis_places.tolist(), strict=True))
+    known = [(places[name], k) for k, name in enumerate(message.joint_names) if name in places]
+    axes, columns = np.array(sorted(known), dtype=int).reshape(-1, 2).T
+    signs = robot.place_signs
     spans = [point.time_from_start for point in message.points]
     times = begin + np.array([span.sec + 1e-9 * span.nanosec for span in spans])
     rows = [point for point, time in zip(message.points, times, strict=True) if time > begin]
     if not len(axes) or not rows:
         return last
-    angle = np.array([point.positions for point in rows])[:, columns]
+    angle = signs[axes] * np.array([point.positions for point in rows])[:, columns]
     with_rates = all(len(point.velocities) for point in rows)
-    rate = np.array([point.velocities for point in rows])[:, columns] if with_rates else None
+    rate = None
+    if with_rates:
+        rate = signs[axes] * np.array([point.velocities for point in rows])[:, columns]
     if not np.isfinite(angle).all() or (np.diff(times) <= 0.0).any():
         return last
     start = last.sample(np.array([begin]), horizon, robot.joint_limit)
@@ -444,7 +444,7 @@ def _with_trajectory(
 
 def _are_points(commands: Sequence[Command], robot: Robot) -> bool:
     """Return whether all commands are angles and velocities of all joints."""
-    count = 2 * (robot.link_count - 1)
+    count = len(robot.axis_names)
     return all(
         item.topic == 'joint_command'
         and len(item.message.position) == len(item.message.velocity) == count
@@ -455,10 +455,9 @@ def _are_points(commands: Sequence[Command], robot: Robot) -> bool:
 def _curve(commands: Sequence[Command], robot: Robot, times: Array) -> tuple[Array, Array]:
     """Return angles and rates on the curve through commands with velocities."""
     moments, first = np.unique([item.time for item in commands], return_index=True)
-    count = robot.link_count - 1
     angle, rate = (
         np.array([
-            joint_axes(commands[k].message.name, getattr(commands[k].message, part), count)
+            joint_axes(commands[k].message.name, getattr(commands[k].message, part), robot)
             for k in first
         ])
         for part in ('position', 'velocity')

@@ -52,8 +52,9 @@ def draw(trajectory: Trajectory, path: Path, title: str = '') -> None:
     panels = figure.subplots(3, 2)
     _path(panels[0, 0], trajectory)
     _forces(panels[0, 1], trajectory)
-    angles = ('angle', np.degrees(trajectory.joint_angle), 'deg')
-    torques = ('torque', trajectory.joint_torque, 'N m')
+    by_joint = trajectory.scene.robot.by_joint
+    angles = ('angle', np.degrees(by_joint(trajectory.joint_angle)), 'deg')
+    torques = ('torque', by_joint(trajectory.joint_torque), 'N m')
     for row, (what, values, unit) in zip(panels[1:], (angles, torques), strict=True):
         for k, axis in enumerate(('yaw', 'pitch')):
             _joints(row[k], trajectory.time, values[:, :, k])
@@ -86,12 +87,12 @@ def _forces(axes: Axes, trajectory: Trajectory) -> None:
 
 
 def _joints(axes: Axes, time: Array, values: Array) -> None:
-    """Draw a quantity of all joints over time."""
-    count = values.shape[1]
-    for j in range(count):
+    """Draw a quantity of all joints over time that have it."""
+    count, known = values.shape[1], ~np.isnan(values).all(axis=0)
+    for j in np.flatnonzero(known):
         shade = colormaps['viridis'](0.9 * j / max(count - 1, 1))
         axes.plot(time, values[:, j], color=shade, lw=0.9, label=f'joint {j + 1}')
-    if 0 < count <= MOST_NAMED and values.any():
+    if known.any() and count <= MOST_NAMED and np.nan_to_num(values).any():
         axes.legend(fontsize=6, ncols=2, framealpha=0.6)
     axes.grid(alpha=0.3)
 

@@ -25,7 +25,10 @@ class Recording:
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.run, self.middle = trajectory, trajectory.scene.robot.middle_link
-        waves, commanded = trajectory.scene.gait, np.full_like(trajectory.joint_angle, math.nan)
+        by_joint = trajectory.scene.robot.by_joint
+        self.angle = by_joint(trajectory.joint_angle)
+        self.torque = by_joint(trajectory.joint_torque)
+        waves, commanded = trajectory.scene.gait, np.full_like(self.angle, math.nan)
         if waves.yaw.amplitude or waves.pitch.amplitude:
             commanded = gait.reference(waves, trajectory.time, commanded.shape[1])[0]
         self.reference: Array = commanded
@@ -37,8 +40,8 @@ class Recording:
             float(run.time[k]),
             run.position[k],
             run.orientation[k],
-            run.joint_angle[k],
-            run.joint_torque[k],
+            self.angle[k],
+            self.torque[k],
             self.reference[k],
             *run.contacts(k),
         )
@@ -55,7 +58,7 @@ class Recording:
         first = int(np.searchsorted(run.time, run.time[k] - PLOTTED_TIME))
         part = slice(first, k + 1, 1 + (k - first) // 400)
         path = run.position[: k + 1 : 1 + k // PATH_LENGTH, self.middle]
-        joints = run.joint_angle[part], self.reference[part], run.joint_torque[part]
+        joints = self.angle[part], self.reference[part], self.torque[part]
         return Trace(run.time[part], *joints, path)
 
 

@@ -113,7 +113,10 @@ def test_gaps_and_directions(seed):
     gap, lever, _ = obstacles.contact_geometry(scene, state.q)
     apart = obstacles.pair_contacts(scene)
     assert len(apart) == 4 * 6  # links 1-3, 1-4, 1-5, 2-4, 2-5, 3-5
-    for a, (i, j, s, t) in enumerate(apart, obstacles.first_pair(scene)):
+    n, sign = robot.link_count, (1, -1)
+    for a, (one, two) in enumerate(apart, obstacles.first_pair(scene)):
+        (s, i), (t, j) = divmod(one, n), divmod(two, n)
+        s, t = sign[s], sign[t]
         one = state.q[i, :3] + s * robot.contact_offset[i] * R[i, :, 2]
         two = state.q[j, :3] + t * robot.contact_offset[j] * R[j, :, 2]
         distance = np.linalg.norm(one - two)

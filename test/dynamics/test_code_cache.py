@@ -26,8 +26,7 @@ from snake_sim_ros.dynamics import kinematics
 import numpy as np
 names = []
 with watched(names.append):
-    kinematics.joint_motions(np.zeros((1, 2, 7)), np.zeros((1, 2, 6)), np.zeros((2, 3, 3)),
-                             np.zeros((2, 3)), np.zeros((1, 1, 2, 2)))
+    kinematics.link_frames(np.zeros((2, 4)), np.zeros((2, 3, 3)))
 print(len(names), 'scipy.linalg' in sys.modules)
 """
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from random_states import EPS, free_links, jointed_links, moved, random_robot, rate_of
 
-from snake_sim_ros import Robot, State
+from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.contacts import make_contacts
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.force_directions import E_X, E_Y, E_Z
-from snake_sim_ros.scene import posture
+from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 
 pytestmark = pytest.mark.fast
@@ -99,7 +99,7 @@ def test_compiled_velocities_on_the_floor_are_those_of_the_directions(free):
     R, n = frames(state), robot.link_count
     omega = np.einsum('nij,nj->ni', R, state.u[:, 3:])
     twist = np.column_stack([omega, state.u[:, :3] - np.cross(omega, state.q[:, :3])])
-    table = make_contacts(2 * n)
+    table = make_contacts(obstacles.contact_links(Scene(robot=robot)))
     geometry = table['geometry']
     for a, i, sign in contacts(robot):
         lever = sign * robot.contact_offset[i] * R[i, :, 2] - robot.contact_radius[i] * E_Z

@@ -61,7 +61,7 @@ def energy_error(scene):
     steps = steps_in(BALANCE_TIME, scene.dt, 'duration')
     run = sample(Simulation(scene), 1, steps, keep=Keep(impulses=True))
     assert not run.report.failure
-    impulse, torque = run.impulse[1:, :, :3], run.joint_torque[1:]
+    impulse, torque = run.impulse[1:, :, :3], scene.robot.by_joint(run.joint_torque[1:])
     return balance_error(scene, run.coordinates, run.velocity, impulse, torque)
 
 

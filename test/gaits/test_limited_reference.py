@@ -73,7 +73,9 @@ def test_commands_alone_keep_joints_within_their_limits(method, half):
         )  # fmt: skip
         report = simulation.advance(*reference)
         assert not report.failure
-        angle, rate = joint_motion(simulation.state.q[None], simulation.state.u[None])
+        angle, rate = joint_motion(
+            simulation.scene.robot, simulation.state.q[None], simulation.state.u[None]
+        )
         angles.append(np.abs(angle).max())
         rates.append(np.abs(rate).max())
         turns.append(scene.dt * np.linalg.norm(simulation.state.u[:, 3:], axis=1).max())

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros import Robot
 from snake_sim_ros.nodes.gait_inputs import measured, put_back, SAME
-from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 
-NAMES = joint_names(11)
+NAMES = list(Robot().axis_names)
 ANGLES = np.linspace(-0.7, 0.7, 20)
 RATE_LIMIT = 10.0  # rad/s
 PERIOD = 5_000_000  # ns

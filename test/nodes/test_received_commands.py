@@ -22,7 +22,7 @@ from snake_sim_ros.gaits.joint_reference import (
     sample_motion,
     start_posture,
 )
-from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.received_commands import (
     extrapolated,
     joint_command,
@@ -33,7 +33,7 @@ from snake_sim_ros.nodes.received_commands import (
 )
 
 ROBOT = Robot()
-NAMES = joint_names(11)
+NAMES = list(Robot().axis_names)
 LIMIT = ROBOT.joint_limit
 HORIZON = 0.05  # s
 

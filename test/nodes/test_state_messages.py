@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros import Robot, State
 from snake_sim_ros.nodes.diagnostics import shown, status_of
-from snake_sim_ros.nodes.messages import command_message, joint_names, seconds_from, stamp_from
+from snake_sim_ros.nodes.messages import command_message, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_scene
@@ -27,7 +27,7 @@ from snake_sim_ros.stepping.sampling import joint_motion
 pytestmark = pytest.mark.fast
 
 ROBOT = Robot()
-NAMES = joint_names(11)
+NAMES = list(Robot().axis_names)
 # Sums of a few products of numbers up to 1, each with one rounding.
 ROUNDING = 1e-14
 
@@ -62,10 +62,11 @@ def state():
 
 
 def test_joint_names_run_along_the_robot_yaw_first():
-    assert joint_names(3) == ['joint_1_yaw', 'joint_1_pitch', 'joint_2_yaw', 'joint_2_pitch']
+    names = ('joint_1_yaw', 'joint_1_pitch', 'joint_2_yaw', 'joint_2_pitch')
+    assert Robot(link_count=3).axis_names == names
     assert len(NAMES) == 20
     assert NAMES[-1] == 'joint_10_pitch'
-    assert joint_names(1) == []
+    assert Robot(link_count=1).axis_names == ()
 
 
 @pytest.mark.parametrize('count', [0, 1, 200, 4_000_000, 200 * 86_400 * 365 * 10])
@@ -113,7 +114,7 @@ def test_twist_is_that_of_the_middle_link_in_its_frame(state):
 def test_messages_hold_floats_and_one_stamp(state):
     messages = filled(state)
     assert list(messages.joint_states.name) == NAMES
-    angle, rate = joint_motion(state.q[None], state.u[None])
+    angle, rate = joint_motion(Robot(), state.q[None], state.u[None])
     for numbers, wanted in (
         (messages.joint_states.position, angle),
         (messages.joint_states.velocity, rate),
@@ -157,7 +158,7 @@ def test_messages_of_a_robot_with_other_links():
     robot = load_scene('slender_undulation').robot
     state = State(np.tile([0.0, 0.0, 0.03, *FLAT], (20, 1)), np.zeros((20, 6)))
     messages = filled(state, robot)
-    assert list(messages.joint_states.name) == joint_names(20)
+    assert list(messages.joint_states.name) == list(Robot(link_count=20).axis_names)
     assert len(messages.link_poses.poses) == 20
     assert messages.odom.pose.pose.position == messages.link_poses.poses[10].position
 

@@ -306,8 +306,8 @@ def measured_live(scene, sensors, rate, wrenches=True):
             if wrenches:
                 found['contact_wrench'].append(reader.wrenches())
         state = simulation.state
-        angle, rate = joint_motion(state.q[None], state.u[None])
-        joints = angle[0], rate[0], simulation.last.joint_torque.copy()
+        angle, rate = joint_motion(simulation.scene.robot, state.q[None], state.u[None])
+        joints = angle[0].ravel(), rate[0].ravel(), simulation.joint_torque.copy()
         reader.add_noise(*joints)
         found['joints'].append(joints)
 

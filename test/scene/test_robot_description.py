@@ -12,7 +12,6 @@ import yaml
 
 from snake_sim_ros import Robot
 from snake_sim_ros.gaits.steering import Steering
-from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.recording.from_messages import B_TO_WIRE
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import load_scene
@@ -54,7 +53,7 @@ def test_tree_has_one_root_and_all_names_once(robot):
     assert sorted([*children, 'base_link']) == sorted(links)
     assert {joint.find('parent').get('link') for joint in root.findall('joint')} <= {*links}
     revolute = [joint.get('name') for joint in root.findall('joint[@type="revolute"]')]
-    assert sorted(revolute) == sorted(joint_names(robot.link_count))
+    assert sorted(revolute) == sorted(robot.axis_names)
     assert {*link_names(robot)} <= {*links}
 
 
@@ -80,7 +79,7 @@ def test_joints_have_axes_and_limits_of_the_model(robot):
     model = parsed(robot)
     root = ElementTree.fromstring(robot_description(robot))
     stiffness, damping = robot.per_joint('stiffness'), robot.per_joint('damping')
-    for k, name in enumerate(joint_names(robot.link_count)):
+    for k, name in enumerate(robot.axis_names):
         j, axis = divmod(k, 2)
         joint = model.joint(name)
         sign = 1 if j >= robot.middle_link else -1
@@ -98,7 +97,7 @@ def test_joint_states_drive_it_to_the_pose_of_the_model(robot):
     model, rng = parsed(robot), np.random.default_rng(2)
     data = mujoco.MjData(model)
     angle = rng.uniform(-robot.joint_limit, robot.joint_limit, (robot.link_count - 1, 2))
-    for name, value in zip(joint_names(robot.link_count), angle.ravel(), strict=True):
+    for name, value in zip(robot.axis_names, angle.ravel(), strict=True):
         data.joint(name).qpos = value
     mujoco.mj_kinematics(model, data)
     q = chain_coordinates(robot, angle)

@@ -280,7 +280,7 @@ def test_what_is_no_error_of_a_step_is_not_closed_by_a_move():
     # Loaded contacts close from either side, the others only if they are inside; none that is
     # farther away than a step leaves it.
     gaps = np.array([-1.01, -0.99, 0.99, 1.01, -0.5, 0.5]) * 1e-2
-    contacts = make_contacts(6)
+    contacts = make_contacts(np.zeros((6, 2), dtype=int))
     solution, newton = contacts.solution, contacts.newton
     for a in range(6):
         solution.end_gap[a], solution.is_loaded[a] = gaps[a], int(a < 4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from random_states import random_parameters
 
-from snake_sim_ros import ParameterError, Simulation
+from snake_sim_ros import ParameterError, Robot, Simulation
 from snake_sim_ros.gaits.joint_reference import JointReference, start_posture
 from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text, steps_in, with_settings
@@ -53,7 +53,7 @@ def test_joint_motion_is_that_of_the_posture():
     p = random_parameters(rng, 44).reshape(4, 11, 4)
     q = np.concatenate([rng.uniform(-1, 1, (4, 11, 3)), p], axis=-1)
     u = rng.uniform(-1, 1, (4, 11, 6))
-    angle, rate = joint_motion(q, u)
+    angle, rate = joint_motion(Robot(), q, u)
     # Sums of a few products of numbers up to 1; an angle whose sine and cosine are both small
     # would lose more, and none of these has that.
     assert np.abs(angle - joint_angles(q)).max() < 1e-13
@@ -96,9 +96,9 @@ def test_recording_has_all_samples_and_its_scene(scene, tmp_path):
         'time': (m,),
         'position': (m, n, 3),
         'orientation': (m, n, 4),
-        'joint_angle': (m, n - 1, 2),
-        'joint_velocity': (m, n - 1, 2),
-        'joint_torque': (m, n - 1, 2),
+        'joint_angle': (m, 2 * (n - 1)),
+        'joint_velocity': (m, 2 * (n - 1)),
+        'joint_torque': (m, 2 * (n - 1)),
         # 22 contacts at every sample but the first one.
         'contact_sample': (110,),
         'contact_number': (110,),

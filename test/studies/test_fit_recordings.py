@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 from snake_sim_ros import ParameterError, Simulation
 from snake_sim_ros.gaits.joint_reference import start_posture
-from snake_sim_ros.nodes.messages import joint_names, stamp_from, trajectory_message
+from snake_sim_ros.nodes.messages import stamp_from, trajectory_message
 from snake_sim_ros.nodes.received_commands import (
     joint_command,
     joint_trajectory,
@@ -51,7 +51,7 @@ def scene():
 def commands_of(scene, form):
     """Return commands in a form that robots take, each with the time at which it comes [s]."""
     times = np.arange(0.0, DURATION, PERIOD)
-    names, count = joint_names(scene.robot.link_count), scene.robot.link_count - 1
+    names, count = list(scene.robot.axis_names), scene.robot.link_count - 1
     if form == 'joint_command':
         return gait_commands(scene, times)
     ahead = PERIOD if form == 'joint_trajectory' else 0.0

@@ -237,9 +237,9 @@ def test_the_center_of_mass_counts():
 def test_energy_torque_and_angle_error():
     trajectory = moving((-0.5, 0.0))
     # tau = 3 t and -2, phi' = 1 and 4: the power is 3 t + 8, and its integral over 2 s is 22.
-    trajectory.joint_torque[:, 0] = np.column_stack([3 * trajectory.time, np.full(21, -2.0)])
-    trajectory.joint_velocity[:, 0] = 1.0, 4.0
-    trajectory.joint_angle[7, 0, 1] -= 0.01
+    trajectory.joint_torque[:, :2] = np.column_stack([3 * trajectory.time, np.full(21, -2.0)])
+    trajectory.joint_velocity[:, :2] = 1.0, 4.0
+    trajectory.joint_angle[7, 1] -= 0.01
     assert measured('energy', trajectory) == pytest.approx(22.0, rel=1e-14)
     weight = 2 * 7.5 / 11 * 9.81
     assert measured('cost_of_transport', trajectory) == pytest.approx(22 / weight, rel=1e-14)
@@ -271,7 +271,7 @@ def test_slip_is_that_on_the_floor_whatever_pegs_carry():
 def test_cost_of_transport_is_of_the_whole_weight_on_a_slope():
     # 1 J over 1 m; g = |(3, 0, -4)| m/s^2, of which only 4 are across the floor.
     trajectory = moving((-0.5, 0.0), robot={'gravity': [3.0, 0.0, -4.0]})
-    trajectory.joint_torque[:, 0, 0], trajectory.joint_velocity[:, 0, 0] = 0.25, -2.0
+    trajectory.joint_torque[:, 0], trajectory.joint_velocity[:, 0] = 0.25, -2.0
     weight = 2 * 7.5 / 11 * 5.0
     assert measured('cost_of_transport', trajectory) == pytest.approx(1 / weight, rel=1e-14)
 

@@ -17,11 +17,12 @@ from rclpy.qos import QoSProfile
 from sim_client import connected, SimClient, with_twin
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros import Robot
+from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.received_commands import joint_trajectory
 from snake_sim_ros.scene.parameters import load_scene
 
-NAMES = joint_names(11)
+NAMES = list(Robot().axis_names)
 SCENE = load_scene('lateral_undulation')
 # Publishes a command for joint 1 until it is killed, 50 times a second.
 TALKER = """

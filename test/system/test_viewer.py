@@ -19,7 +19,6 @@ from std_msgs.msg import String
 
 from snake_sim_ros import Robot
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.nodes.messages import joint_names
 from snake_sim_ros.scene.robot_description import robot_description
 
 pytestmark = pytest.mark.long
@@ -165,7 +164,7 @@ def test_real_robot_is_shown_from_its_joints(page, graph):
     joints = graph.node.create_publisher(JointState, 'joint_states', 1)
     description.publish(String(data=robot_description(Robot(link_count=5))))
     page.until(lambda: page.read('show') == 'joint 3', 'a robot with four joints')
-    names = joint_names(5)
+    names = Robot(link_count=5).axis_names
     graph.until(joints.get_subscription_count, 'the viewer')
     message = JointState(name=names, position=[0.2] * len(names))
     for offset in (0, 3):

@@ -118,14 +118,15 @@ def trajectory_of_states(
 
     """
     q, u = (np.array([getattr(state, name) for state in states]) for name in 'qu')
-    m, angle = len(states), joint_angles(q)
+    m, by_axis = len(states), scene.robot.by_axis
+    angle = by_axis(joint_angles(q))
     return Trajectory(
         scene=scene,
         time=period * np.arange(m),
         position=q[..., :3],
         orientation=q[..., 3:],
         joint_angle=angle,
-        joint_velocity=joint_rates(q, u),
+        joint_velocity=by_axis(joint_rates(q, u)),
         joint_torque=np.full_like(angle, math.nan),
         contact_sample=np.zeros(0, dtype=int),
         contact_number=np.zeros(0, dtype=int),
@@ -262,7 +263,7 @@ def energy_error(scene: Scene, make: Callable[[Scene], Stepper] | None = None) -
     run = sample(simulation, 1, steps, keep=Keep(impulses=True))
     if run.report.failure:
         return math.nan
-    impulse, torque = run.impulse[1:, :, :3], run.joint_torque[1:]
+    impulse, torque = run.impulse[1:, :, :3], run.scene.robot.by_joint(run.joint_torque[1:])
     return balance_error(scene, run.coordinates, run.velocity, impulse, torque)
 
 

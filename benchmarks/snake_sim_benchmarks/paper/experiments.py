@@ -130,7 +130,8 @@ def experiment(trajectory: Trajectory, steps: int) -> Experiment:
     torque, force, work = [], [], [(0.0, 0.0)]
     for begin in range(0, len(trajectory.time) - 1, steps):
         states, ends = slice(begin, begin + steps + 1), slice(begin + 1, begin + steps + 1)
-        impulses, torques = trajectory.impulse[ends, :, :3], trajectory.joint_torque[ends]
+        impulses = trajectory.impulse[ends, :, :3]
+        torques = trajectory.scene.robot.by_joint(trajectory.joint_torque[ends])
         contacts, joints = work_of_steps(trajectory.scene, q[states], u[states], impulses, torques)
         work.append((contacts.sum(), joints.sum()))
         torque.append(torques.mean(axis=0))

@@ -25,11 +25,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros import Robot
-from snake_sim_ros.nodes.messages import joint_names, stamp_from
+from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.scene.robot_description import robot_description
 
 LINKS = 11
-NAMES = joint_names(LINKS)
+NAMES = list(Robot(link_count=LINKS).axis_names)
 NUMBERS = (
     *(float('nan'), float('inf'), -float('inf'), 5e-324, 1e-310, -1e-308, 0.0, -0.0),
     *(1.8e308 / 2, -1e300, 1e30, 1e9, -1e6, 100.0, 3.2, -0.8, 1e-9),

@@ -12,7 +12,6 @@ wrenches.
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
-import math
 from typing import Any, NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces, PenaltyLaw
@@ -33,7 +32,10 @@ from snake_sim_ros.dynamics.kinematics import (
     end_velocities,
     half_rotation,
     link_frames,
+    turned_about_x,
+    turned_about_y,
 )
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.gait import soft_start, wave
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.model import Model, Workspace
@@ -62,21 +64,7 @@ def rates_begin(n: int) -> int:
 
 
 @inlined
-def turned_about_y(p: Numbers, angle: float) -> Numbers:
-    """Return p o (cos angle/2, 0, sin angle/2, 0)."""
-    c, s = math.cos(angle / 2), math.sin(angle / 2)
-    return p[0] * c - p[2] * s, p[1] * c - p[3] * s, p[2] * c + p[0] * s, p[3] * c + p[1] * s
-
-
-@inlined
-def turned_about_x(p: Numbers, angle: float) -> Numbers:
-    """Return p o (cos angle/2, sin angle/2, 0, 0)."""
-    c, s = math.cos(angle / 2), math.sin(angle / 2)
-    return p[0] * c - p[1] * s, p[1] * c + p[0] * s, p[2] * c + p[3] * s, p[3] * c - p[2] * s
-
-
-@inlined
-def place_links(half_length: Array, y: Array, work: Workspace) -> None:
+def place_links(places: JointPlaces, y: Array, work: Workspace) -> None:
     """Fill the coordinates, frames, centers from O and joint axes of all links in `work`."""
     q, n = work.q_mid, len(work.R)
     root = n // 2
@@ -84,14 +72,16 @@ def place_links(half_length: Array, y: Array, work: Workspace) -> None:
         q[root, k] = y[k]
     p = y[3], y[4], y[5], y[6]
     for j in range(root, n - 1):
-        p = turned_about_x(turned_about_y(p, y[ANGLES + 2 * j]), y[ANGLES + 2 * j + 1])
+        p = turned_about_x(turned_about_y(p, 0.5 * y[ANGLES + 2 * j]), 0.5 * y[ANGLES + 2 * j + 1])
         q[j + 1, 3], q[j + 1, 4], q[j + 1, 5], q[j + 1, 6] = p
     p = y[3], y[4], y[5], y[6]
     for j in range(root - 1, -1, -1):
-        p = turned_about_y(turned_about_x(p, -y[ANGLES + 2 * j + 1]), -y[ANGLES + 2 * j])
+        p = turned_about_y(
+            turned_about_x(p, -0.5 * y[ANGLES + 2 * j + 1]), -0.5 * y[ANGLES + 2 * j]
+        )
         q[j, 3], q[j, 4], q[j, 5], q[j, 6] = p
     link_frames(q[:, 3:], work.R)
-    chain_geometry(half_length, work.R, work.center, work.chain.axis)
+    chain_geometry(places, work.R, work.frames, work.center, work.chain.axis)
     for i in range(n):
         for k in range(3):
             q[i, k] = y[k] + work.center[i, k]
@@ -220,7 +210,7 @@ def rate_of_change(
     """
     chain, contacts, n = work.chain, work.contacts, len(work.R)
     root, begin = n // 2, rates_begin(n)
-    place_links(model.robot.half_length, y, work)
+    place_links(model.robot.places, y, work)
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
@@ -271,8 +261,6 @@ def rates_of_change(
 @compiled
 def configuration(model: Model, work: Workspace, motion: LinkVelocities, y: Array) -> float:
     """Fill work.q_mid and motion.u of all links from y; return the largest penetration [m]."""
-    place_links(model.robot.half_length, y, work)
+    place_links(model.robot.places, y, work)
     move_links(y, work, motion.u)
-    return penetration(
-        model.obstacles, model.robot.contact_offset, model.robot.contact_radius, work.q_mid
-    )
+    return penetration(model.obstacles, model.robot, work.q_mid)

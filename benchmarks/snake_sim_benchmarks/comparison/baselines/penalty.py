@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import grip, Laws, link_of, natural_map, sliding_disc
+from snake_sim_ros.contact.laws import grip, Laws, natural_map, sliding_disc
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined, merged

@@ -162,15 +162,14 @@ def add_sensors(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def sensors_of(options: argparse.Namespace, count: int, rate: float) -> Sensors:
+def sensors_of(options: argparse.Namespace, robot: Robot, rate: float) -> Sensors:
     """
     Return the sensors that the options of `add_sensors` choose.
 
     Parameters
     ----------
     options : Namespace
-    count : int
-        Number of links of the robot.
+    robot : Robot
     rate : float
         States a second [Hz].
 
@@ -189,7 +188,7 @@ def sensors_of(options: argparse.Namespace, count: int, rate: float) -> Sensors:
             values[name] = 'all' if 'all' in links else links
     sensors: Sensors = from_mapping(Sensors, values, '--sensor')
     for name in OF_LINKS.values():
-        sensors.links(name, count)
+        sensors.links(name, robot)
     sensors.states_in_sample(rate)
     return sensors
 

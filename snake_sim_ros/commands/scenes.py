@@ -79,7 +79,7 @@ def _run(options: argparse.Namespace) -> int:
     make_stepper(scene)
     steps, samples = samples_of(scene, rate)
     make_samples(scene, steps, samples + 1)  # whether memory suffices
-    sensors = sensors_of(options, scene.robot.link_count, rate)
+    sensors = sensors_of(options, scene.robot, rate)
     trajectory = _recorded(scene, rate, files.get('bag'), sensors)
     measured = recorded_sensors(trajectory, sensors)
     write_outputs(trajectory, files, title_of(options.scene), options.speed, measured)

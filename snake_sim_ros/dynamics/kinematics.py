@@ -256,12 +256,16 @@ def chain_geometry(
     of 1, which are 0 for an axis that a joint does not have, and `center` with the link centers.
     """
     n, present = len(R), places.present
+    straight = places.straight
     for k in range(3):
         center[0, k] = 0.0
         for i in range(1, n):
-            step = carried_part(R, i - 1, places.distal, i - 1, k) - carried_part(
-                R, i, places.proximal, i, k
-            )
+            if straight:
+                step = places.distal[i - 1, 2] * R[i - 1, k, 2] - places.proximal[i, 2] * R[i, k, 2]
+            else:
+                step = carried_part(R, i - 1, places.distal, i - 1, k) - carried_part(
+                    R, i, places.proximal, i, k
+                )
             center[i, k] = center[i - 1, k] + step
         origin = center[n // 2, k]
         for i in range(n):

@@ -30,7 +30,7 @@ import yaml
 
 from snake_sim_ros.nodes.diagnostics import status_of, values_of
 from snake_sim_ros.nodes.messages import command_message, LATCHED, stamp_from
-from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.nodes.state_messages import base_name, StateMessages
 from snake_sim_ros.nodes.state_publishers import MARKER_PERIOD, SceneMarkers, TransformMessages
 from snake_sim_ros.recording.bag_reader import METADATA
 from snake_sim_ros.scene import __version__, gait
@@ -223,7 +223,9 @@ class RunTopics:
         ):
             bag.add_topic(topic, kind, qos)
         self._write('/robot_description', 0, String(data=robot_description(scene.robot)))
-        self._transforms = TransformMessages() if TransformMessages.available else None
+        self._transforms = None
+        if TransformMessages.available:
+            self._transforms = TransformMessages(base=base_name(scene.robot))
         if self._transforms:
             bag.add_topic('/tf', TransformMessages.kind, QoSProfile(depth=100))
             bag.add_topic('/tf_static', TransformMessages.kind, LATCHED)

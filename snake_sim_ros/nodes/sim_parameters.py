@@ -74,7 +74,7 @@ class Settings(Sensors):
         """Return the index of the link that is pushed in frame world; raise if there is none."""
         if self.push_link == '':
             return robot.middle_link
-        return link_index(self.push_link, robot.link_count, 'push_link')
+        return link_index(self.push_link, robot, 'push_link')
 
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the node cannot run a scene with these settings."""

@@ -21,10 +21,10 @@ from std_srvs.srv import SetBool, Trigger
 from snake_sim_ros.nodes.executors import Refusals
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
-from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.posture import own_poses, pose_of_middle
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.controlled import place
@@ -288,7 +288,12 @@ class Handling:
             raise ParameterError(
                 f'orientation must be a unit quaternion, got a norm of {norm:.4g}'
             )
-        place(self._simulation, r, product(product(np.array([w, x, y, z]) / norm, -TURN), FLAT))
+        p, robot = np.array([w, x, y, z]) / norm, self._simulation.scene.robot
+        if robot.links:
+            middle = pose_of_middle(robot, self._simulation.state.q, r, p)
+            place(self._simulation, *middle)
+        else:
+            place(self._simulation, r, product(product(p, -TURN), FLAT))
         self._moved()
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -309,15 +314,16 @@ class Handling:
         force = numbers_of(message.wrench.force, 'xyz', 'force')
         torque = numbers_of(message.wrench.torque, 'xyz', 'torque')
         turns = False
-        if frame == BASE:
+        if frame == BASE and BASE not in robot.link_names:
             raise ParameterError(
                 f'the frame {BASE} is not that of a link; link_{robot.middle_link + 1} is there'
             )
         if frame in ('', WORLD, ODOM):
             link = self.settings.pushed_link(robot)
         else:
-            link, turns = link_index(frame, robot.link_count, 'header.frame_id'), True
-            force, torque = force[np.argsort(WIRE_AXES)], torque[np.argsort(WIRE_AXES)]
+            link, turns = link_index(frame, robot, 'header.frame_id'), True
+            frame_of_link = robot.chain.frame[link]
+            force, torque = frame_of_link @ force, frame_of_link @ torque
         self._check(link, force, torque)
         duration = self.settings.push_duration
         self._simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
@@ -392,18 +398,24 @@ class EntityServices:
         try:
             is_robot = request.entity == ROBOT_NAME
             link = (
-                robot.middle_link
+                (0 if robot.links else robot.middle_link)
                 if is_robot
-                else link_index(request.entity, robot.link_count, 'entity')
+                else link_index(request.entity, robot, 'entity')
             )
         except ParameterError as error:
             return _answered(response, codes.RESULT_NOT_FOUND, f'{error}, the robot {ROBOT_NAME}')
-        q, u = self._simulation.state.q[link], self._simulation.state.u[link]
-        state, quaternion = response.state, q[3:] @ TO_WIRE
+        everywhere, q = self._simulation.state.q, self._simulation.state.q[link]
+        state, u = response.state, self._simulation.state.u[link]
+        positions, orientations = own_poses(robot, everywhere)
+        quaternion = orientations[link, [1, 2, 3, 0]]
+        if is_robot and not robot.links:
+            quaternion = base_of_link(quaternion)
+        lever = positions[link] - q[:3]
         state.header.frame_id = WORLD
-        _fill(state.pose.position, 'xyz', q[:3])
-        _fill(state.pose.orientation, 'xyzw', base_of_link(quaternion) if is_robot else quaternion)
-        _fill(state.twist.linear, 'xyz', u[:3])
+        _fill(state.pose.position, 'xyz', positions[link])
+        _fill(state.pose.orientation, 'xyzw', quaternion)
+        velocity = u[:3] + np.cross(rotation_matrices(q[3:]) @ u[3:], lever)
+        _fill(state.twist.linear, 'xyz', velocity)
         _fill(state.twist.angular, 'xyz', rotation_matrices(q[3:]) @ u[3:])
         return _answered(response, codes.RESULT_OK)
 

@@ -10,6 +10,9 @@ frame on the wire has x along the link toward the next one, y to the left and z 
 lies flat (REP 103); its axes are e_z, e_x and e_y of the paper's frame B. Quaternions on the
 wire are x y z w, with w >= 0. Joint angles have the paper's signs: a positive yaw turns the next
 link left, a positive pitch turns it down.
+
+A robot whose links are given one by one has the names of its links and joints, and its links have
+their own frames. Its base is the first link.
 """
 
 from collections.abc import Sequence
@@ -25,6 +28,8 @@ from sensor_msgs.msg import JointState
 
 from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
 from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.posture import own_poses
+from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 
@@ -32,6 +37,11 @@ WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
 TURNED = np.array([-1.0, -1.0, 1.0])  # signs of such components in a frame turned around
 ENCAPSULATION = 4  # bytes at the begin of a message, which name its encoding
 MARK = math.pi  # a number that can be found in the bytes of a message
+
+
+def base_name(robot: Robot) -> str:
+    """Return the name of the frame at the root of the tree of links."""
+    return robot.link_names[0] if robot.links else BASE
 
 
 class SerializedMessage:
@@ -103,7 +113,7 @@ class StateMessages:
         self.link_poses = SerializedMessage(poses)
         self.poses = self.link_poses.numbers(MARK, n, 7)
 
-        odom = Odometry(child_frame_id=frame_prefix + BASE)
+        odom = Odometry(child_frame_id=frame_prefix + base_name(robot))
         odom.header.frame_id = frame_prefix + ODOM
         odom.pose.pose.position.x, odom.twist.twist.linear.x = MARK, 2 * MARK
         self.odom = SerializedMessage(odom)
@@ -138,6 +148,9 @@ class StateMessages:
             self.angle[:] = self.resolution * np.floor(self.angle / self.resolution + 0.5)
         self.torque[:] = robot.by_axis(torque)
 
+        if robot.links:
+            self._fill_own_frames(state)
+            return
         quaternion = state.q[:, 3:] @ TO_WIRE
         self.poses[:, :3] = state.q[:, :3]
         self.poses[:, 3:] = np.where(quaternion[:, 3:] < 0.0, -quaternion, quaternion)
@@ -149,6 +162,19 @@ class StateMessages:
         u = state.u[self.middle]
         self.twist[:3] = seen_from(turned, u[:3].tolist())
         self.twist[3:] = u[3:][WIRE_AXES] * TURNED
+
+    def _fill_own_frames(self, state: State) -> None:
+        """Write the poses of the links' own frames; the base is that of the first link."""
+        position, orientation = own_poses(self.robot, state.q)
+        self.poses[:, :3] = position
+        self.poses[:, 3:] = np.where(orientation[:, :1] < 0.0, -orientation, orientation)[
+            :, [1, 2, 3, 0]
+        ]
+        self.base[:] = self.poses[0]
+        chain, u, R = self.robot.chain, state.u[0], rotation_matrices(state.q[0, 3:])
+        linear = u[:3] + np.cross(R @ u[3:], R @ chain.frame_place[0])
+        self.twist[:3] = seen_from(self.base[3:].tolist(), linear.tolist())
+        self.twist[3:] = chain.frame[0].T @ u[3:]
 
 
 def seen_from(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:

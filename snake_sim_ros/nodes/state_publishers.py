@@ -23,6 +23,7 @@ from snake_sim_ros.nodes.messages import LATCHED, stamp_from
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import (
     BASE,
+    base_name,
     MARK,
     ODOM,
     SerializedMessage,
@@ -39,7 +40,7 @@ from snake_sim_ros.recording.sensors import (
 )
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
-from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.robot_description import center_frame, robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -69,11 +70,11 @@ class TransformMessages:
     kind = TFMessage
     available = TFMessage is not None
 
-    def __init__(self, frame_prefix: str = '') -> None:
+    def __init__(self, frame_prefix: str = '', base: str = BASE) -> None:
         identity = TransformStamped(child_frame_id=frame_prefix + ODOM)
         identity.header.frame_id = WORLD
         self.fixed = TFMessage(transforms=[identity])
-        self._transform = TransformStamped(child_frame_id=frame_prefix + BASE)
+        self._transform = TransformStamped(child_frame_id=frame_prefix + base)
         self._transform.header.frame_id = frame_prefix + ODOM
         self.moving = TFMessage(transforms=[self._transform])
 
@@ -88,8 +89,8 @@ class TransformMessages:
 class Transforms:
     """Publishes the transforms."""
 
-    def __init__(self, node: Node, frame_prefix: str) -> None:
-        self.messages = TransformMessages(frame_prefix)
+    def __init__(self, node: Node, frame_prefix: str, base: str) -> None:
+        self.messages = TransformMessages(frame_prefix, base)
         self.publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
         self.static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
         self.static.publish(self.messages.fixed)
@@ -235,16 +236,19 @@ class SensorMessages:
         self.wrenches: dict[str, SerializedMessage] = {}
         self._readings: list[tuple[Array, Array, Array]] = []
         self._loads: list[Array] = []
+        names = reader.robot.link_names
+        frames = [center_frame(reader.robot, i) for i in range(len(names))]
         for link in reader.imu_links:
-            message = _imu(sensors, f'{frame_prefix}link_{link + 1}')
-            self.imus[f'imu/link_{link + 1}'] = message
+            name = names[link]
+            message = _imu(sensors, frame_prefix + frames[link])
+            self.imus[f'imu/{name}'] = message
             numbers = message.numbers(MARK, 37)
             self._readings.append((numbers[:4], numbers[13:16], numbers[25:28]))
         for link in reader.contact_links:
             wrench = WrenchStamped()
-            wrench.header.frame_id, wrench.wrench.force.x = f'{frame_prefix}link_{link + 1}', MARK
+            wrench.header.frame_id, wrench.wrench.force.x = frame_prefix + frames[link], MARK
             message = SerializedMessage(wrench)
-            self.wrenches[f'contact_forces/link_{link + 1}'] = message
+            self.wrenches[f'contact_forces/{names[link]}'] = message
             self._loads.append(message.numbers(MARK, 6))
 
     def fill_imus(self, nanoseconds: int) -> None:
@@ -379,7 +383,7 @@ class StatePublishers:
             self._description.publish(String(data=robot_description(scene.robot)))
         self._transforms = None
         if settings.publish_tf and TransformMessages.available:
-            self._transforms = Transforms(node, prefix)
+            self._transforms = Transforms(node, prefix, base_name(scene.robot))
         elif settings.publish_tf:
             node.get_logger().info('no /tf: the package tf2_msgs is not installed')
 

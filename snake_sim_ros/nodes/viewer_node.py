@@ -200,7 +200,7 @@ class ViewerNode(Node):
         """Return position [m] and Euler parameters of all links, shape (n, 3) and (n, 4)."""
         robot, poses, odom = self.scene.robot, self._fresh('link_poses'), self._fresh('odom')
         if poses is not None and len(poses.poses) == robot.link_count:
-            return from_messages.poses(poses)
+            return from_messages.poses(poses, robot)
         if poses is not None:
             self.warn(
                 'links',

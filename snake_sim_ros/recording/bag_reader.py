@@ -136,7 +136,7 @@ def _trajectory(found: dict[str, Messages], text: str) -> Trajectory:
         for part in ('position', 'velocity', 'effort')
     )
     if found['link_poses']:
-        poses = [from_messages.poses(message) for _, message in source]
+        poses = [from_messages.poses(message, scene.robot) for _, message in source]
         for position, _ in poses:
             if len(position) != n:
                 raise ParameterError(

@@ -18,6 +18,7 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Robot, Scene
+from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import product
 
@@ -33,9 +34,9 @@ ADD = 0  # its action
 MOST_CELLS = 1000  # of a ground, in a row and in a column
 
 
-def poses(message: Any) -> tuple[Array, Array]:
+def poses(message: Any, robot: Robot) -> tuple[Array, Array]:
     """
-    Return the poses of links from a geometry_msgs/PoseArray.
+    Return the poses of all links from a geometry_msgs/PoseArray.
 
     Returns
     -------
@@ -47,6 +48,9 @@ def poses(message: Any) -> tuple[Array, Array]:
     """
     rows = [(pose.position, pose.orientation) for pose in message.poses]
     numbers = np.array([(r.x, r.y, r.z, p.x, p.y, p.z, p.w) for r, p in rows]).reshape(-1, 7)
+    if robot.links and len(numbers) == robot.link_count:
+        q = from_own_poses(robot, numbers[:, :3], numbers[:, [6, 3, 4, 5]])
+        return q[:, :3], q[:, 3:]
     return numbers[:, :3], numbers[:, 3:] @ TO_WIRE.T
 
 

@@ -200,8 +200,8 @@ def write_csv(
         As `recorded_sensors` returns them. Cells of samples without a reading are empty.
 
     """
-    m, n, _ = trajectory.position.shape
-    links = [f'link_{i + 1}' for i in range(n)]
+    m = len(trajectory.time)
+    links = list(trajectory.scene.robot.link_names)
     joints = list(trajectory.scene.robot.axis_names)
     names = ['time [s]']
     names += [f'{link} {axis} [m]' for link in links for axis in 'xyz']

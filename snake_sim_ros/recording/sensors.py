@@ -96,7 +96,7 @@ class Sensors(CheckedRecord):
             if isinstance(value, tuple) and len(value) != 3:
                 raise ParameterError(f'{name} must be one number or three, got {len(value)}')
 
-    def links(self, name: str, count: int) -> list[int]:
+    def links(self, name: str, robot: Robot) -> list[int]:
         """
         Return the indices of links, each once and in order.
 
@@ -104,8 +104,7 @@ class Sensors(CheckedRecord):
         ----------
         name : str
             `imu_links` or `contact_force_links`.
-        count : int
-            Number of links of the robot.
+        robot : Robot
 
         Raises
         ------
@@ -115,9 +114,9 @@ class Sensors(CheckedRecord):
         """
         given = getattr(self, name)
         if given == 'all':
-            return list(range(count))
+            return list(range(robot.link_count))
         given = given if isinstance(given, tuple) else (given,)
-        return sorted({link_index(link, count, name) for link in given})
+        return sorted({link_index(link, robot, name) for link in given})
 
     def states_in_sample(self, rate: float) -> int:
         """
@@ -140,15 +139,14 @@ class Sensors(CheckedRecord):
         return count
 
 
-def link_index(name: str | int, count: int, what: str) -> int:
+def link_index(name: str | int, robot: Robot, what: str) -> int:
     """
     Return the index from 0 of a link by its name or by its number from 1.
 
     Parameters
     ----------
     name : str or int
-    count : int
-        Number of links.
+    robot : Robot
     what : str
         Where the name comes from, for the error.
 
@@ -158,11 +156,17 @@ def link_index(name: str | int, count: int, what: str) -> int:
         If there is no such link.
 
     """
-    number = cut(str(name)).removeprefix('link_')
+    names = robot.link_names
+    if name in names:
+        return names.index(str(name))
+    number = cut(str(name))
+    number = number if robot.links else number.removeprefix('link_')
     is_number = number.isascii() and number.isdigit() and len(number) < 10
-    if is_number and 1 <= int(number) <= count:
+    if is_number and 1 <= int(number) <= len(names):
         return int(number) - 1
-    raise ParameterError(f'{what}: no link {quoted(name)}; the links are link_1 to link_{count}')
+    raise ParameterError(
+        f'{what}: no link {quoted(name)}; the links are {names[0]} to {names[-1]}'
+    )
 
 
 def imu_readings(
@@ -369,12 +373,12 @@ class SensorReader:
     """
 
     def __init__(self, simulation: Simulation, sensors: Sensors, steps: int, rate: float) -> None:
-        n = simulation.scene.robot.link_count
-        self.imu_links = sensors.links('imu_links', n)
-        self.contact_links = sensors.links('contact_force_links', n)
+        self.robot = simulation.scene.robot
+        self.imu_links = sensors.links('imu_links', self.robot)
+        self.contact_links = sensors.links('contact_force_links', self.robot)
         self._simulation, self._steps = simulation, steps
         self._steps_in_sample = steps * sensors.states_in_sample(rate)
-        self._joints = joint_noise(sensors, simulation.scene.robot)
+        self._joints = joint_noise(sensors, self.robot)
         self._imus = [imu_noise(sensors, link) for link in self.imu_links]
         self._contacts = [contact_noise(sensors, link) for link in self.contact_links]
         self.restart()
@@ -470,8 +474,8 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
 
     """
     scene, m = trajectory.scene, len(trajectory.time)
-    n = scene.robot.link_count
-    imus, touching = sensors.links('imu_links', n), sensors.links('contact_force_links', n)
+    imus = sensors.links('imu_links', scene.robot)
+    touching = sensors.links('contact_force_links', scene.robot)
     steps = round((trajectory.time[1] - trajectory.time[0]) / scene.dt) if m > 1 else 1
     every = sensors.states_in_sample(1.0 / (steps * scene.dt))
     found: dict[str, Array] = {}

@@ -152,6 +152,7 @@ class JointPlaces(NamedTuple):
     outer_turn: Array  # (n-1, 4)
     present: Array  # (n-1, 2) 1 for an axis, 0 for one that a joint does not have
     complete: bool  # whether all joints have two axes
+    straight: bool  # whether all joints are on the axes e_z of their links
 
 
 class Spheres(NamedTuple):
@@ -194,6 +195,8 @@ class Chain(NamedTuple):
     names: tuple[str, ...]  # of the axes
     frame_place: Array  # (n, 3) link center to the origin of the link's own frame, frame B [m]
     frame: Array  # (n, 3, 3) the link's own frame in B
+    frame_turn: Array  # (n, 4) the same as Euler parameters
+    link_names: tuple[str, ...]
 
 
 def chain_of_equal_links(robot: Any) -> Chain:
@@ -210,7 +213,7 @@ def chain_of_equal_links(robot: Any) -> Chain:
         inertia=np.array([np.diag(each) for each in np.column_stack([across, across, axial])]),
         places=JointPlaces(
             half[:, None] * along, -half[:, None] * along, True, frames, frames.copy(), still,
-            still.copy(), np.ones((n - 1, 2)), True,
+            still.copy(), np.ones((n - 1, 2)), True, True,
         ),
         spheres=Spheres(
             link=np.tile(np.arange(n), 2),
@@ -227,6 +230,8 @@ def chain_of_equal_links(robot: Any) -> Chain:
         names=tuple(f'joint_{j + 1}_{axis}' for j in range(n - 1) for axis in ('yaw', 'pitch')),
         frame_place=np.zeros((n, 3)),
         frame=np.tile(np.eye(3)[[2, 0, 1]].T, (n, 1, 1)),
+        frame_turn=np.tile([0.5, -0.5, -0.5, -0.5], (n, 1)),
+        link_names=tuple(f'link_{i + 1}' for i in range(n)),
     )  # fmt: skip
 
 
@@ -275,7 +280,7 @@ def chain_of_links(
     own = np.array([turn[i].T @ B[i] for i in range(n)])
     places = JointPlaces(
         distal, proximal, aligned, inner, outer, euler_parameters(inner), euler_parameters(outer),
-        present, bool(present.all()),
+        present, bool(present.all()), not (distal[:, :2].any() or proximal[:, :2].any()),
     )  # fmt: skip
     shapes = [
         (i, link.friction, shape.radius, local(i, origin[i] + turn[i] @ shape.start),
@@ -295,6 +300,8 @@ def chain_of_links(
         names=tuple(names),
         frame_place=np.array([local(i, origin[i]) for i in range(n)]),
         frame=np.array([each.T for each in own]),
+        frame_turn=euler_parameters(np.array([each.T for each in own])),
+        link_names=tuple(link.name or f'link_{i + 1}' for i, link in enumerate(links)),
     )  # fmt: skip
 
 

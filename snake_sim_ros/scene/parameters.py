@@ -431,9 +431,10 @@ class Robot(CheckedRecord):
             )
         object.__setattr__(self, 'link_count', len(self.links))
         names = [name for joint in self.joints for name in joint.axis_names]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ParameterError(f'names of joint axes must differ, got {twice[0]!r} twice')
+        for what, given in (('joint axes', names), ('links', [link.name for link in self.links])):
+            twice = sorted({name for name in given if given.count(name) > 1 and name})
+            if twice:
+                raise ParameterError(f'names of {what} must differ, got {twice[0]!r} twice')
         _ = self.chain
 
     @property
@@ -502,6 +503,11 @@ class Robot(CheckedRecord):
         if value is None:
             return np.full(count, math.inf)
         return np.array(value) if isinstance(value, tuple) else np.full(count, value)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the links: link_1, link_2, ... unless they are given one by one."""
+        return self.chain.link_names
 
     @property
     def axis_names(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@
 
 from functools import lru_cache
 import math
+from typing import Any
 
 import numpy as np
 
@@ -74,6 +75,62 @@ def joint_rates(q: Array, u: Array, robot: Robot | None = None) -> Array:
     inner, outer = joint_frames(R, robot)
     axes = np.stack([inner[..., 1], outer[..., 0]], axis=-2)
     return np.asarray(np.einsum('...ak,...k->...a', axes, omega))
+
+
+def own_poses(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """
+    Return the poses of the links' own frames: those in which a robot of single links is given.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (..., n, 7)
+        Link centers [m, frame I] and Euler parameters, scalar first.
+
+    Returns
+    -------
+    position : ndarray, shape (..., n, 3)
+        [m, frame I]
+    orientation : ndarray, shape (..., n, 4)
+        Euler parameters, scalar first.
+
+    """
+    chain, R = robot.chain, rotation_matrices(q[..., 3:])
+    position = q[..., :3] + np.einsum('...ij,...j->...i', R, chain.frame_place)
+    return position, product(q[..., 3:], np.broadcast_to(chain.frame_turn, q[..., 3:].shape))
+
+
+def from_own_poses(
+    robot: Robot, position: Array, orientation: Array, links: Any = slice(None)
+) -> Array:
+    """Return coordinates (..., k, 7) from poses of some links as `own_poses` returns them."""
+    turn, place = robot.chain.frame_turn[links], robot.chain.frame_place[links]
+    back = np.broadcast_to(turn * [1.0, -1.0, -1.0, -1.0], orientation.shape)
+    p = product(orientation, back)
+    center = position - np.einsum('...ij,...j->...i', rotation_matrices(p), place)
+    return np.concatenate([center, p], axis=-1)
+
+
+def pose_of_middle(
+    robot: Robot, q: Array, position: Array, orientation: Array
+) -> tuple[Array, Array]:
+    """
+    Return the pose of the middle link when the first link's own frame is moved to a pose.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (n, 7)
+        Coordinates before the robot is moved as a rigid body.
+    position, orientation : ndarray, shapes (3,) and (4,)
+        [m, frame I], Euler parameters, scalar first.
+
+    """
+    place, own = own_poses(robot, q)
+    turn = product(orientation, own[0] * [1.0, -1.0, -1.0, -1.0])
+    middle = q[robot.middle_link]
+    arm = rotation_matrices(turn) @ (middle[:3] - place[0])
+    return position + arm, product(turn, middle[3:])
 
 
 def gaps(robot: Robot, q: Array) -> Array:

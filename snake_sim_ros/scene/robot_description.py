@@ -21,7 +21,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from snake_sim_ros.scene.chain import Shape
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -35,6 +37,7 @@ COLORS = {
     'even': (0.25, 0.27, 0.30, 1.0),
 }
 AXES = {'yaw': np.array([0, 0, 1]), 'pitch': np.array([0, 1, 0])}
+TO_WIRE_FRAME = np.eye(3)[[2, 0, 1]].T  # columns e_z, e_x, e_y of a frame B
 ALONG_X = (0.0, math.pi / 2, 0.0)  # roll, pitch and yaw of a cylinder, which is along z
 
 
@@ -49,6 +52,10 @@ def robot_description(robot: Robot) -> str:
     root = ElementTree.Element('robot', name=ROBOT_NAME)
     for name, color in COLORS.items():
         element(element(root, 'material', name=name), 'color', rgba=color)
+    if robot.links:
+        _add_chain(root, robot)
+        ElementTree.indent(root)
+        return ElementTree.tostring(root, encoding='unicode')
     middle, half = robot.middle_link, robot.per_link('link_length') / 2
     element(root, 'link', name='base_link')
     for i in range(robot.link_count):
@@ -68,15 +75,83 @@ def robot_description(robot: Robot) -> str:
             joint = _join(root, f'joint_{j + 1}_{axis}', inner, outer, x, 'revolute')
             element(joint, 'axis', xyz=sign * AXES[axis])
             element(joint, 'limit', **_limits(robot, j, axis))
-            friction, viscous = (
-                float(robot.per_joint(name)[j, list(AXES).index(axis)])
-                for name in ('friction', 'viscous_friction')
-            )
-            if friction > 0.0 or viscous > 0.0:
-                element(joint, 'dynamics', damping=viscous, friction=friction)
+            _add_dynamics(joint, robot, j, list(AXES).index(axis))
         _join(root, end, end, f'link_{child + 1}', sign * half[child])
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode')
+
+
+def _add_chain(root: ElementTree.Element, robot: Robot) -> None:
+    """
+    Append links and joints that are given one by one, in their own frames, from the first on.
+
+    Each link carries a frame at its center of mass, `center_frame`, in which sensors measure. A
+    joint with two axes has a `cross` between both, as those of Aiko have.
+    """
+    chain = robot.chain
+    for i, (item, name) in enumerate(zip(robot.links, robot.link_names, strict=True)):
+        link = element(root, 'link', name=name)
+        inertial = element(link, 'inertial')
+        element(inertial, 'origin', xyz=item.center_of_mass)
+        element(inertial, 'mass', value=item.mass)
+        moments = zip(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), item.inertia, strict=True)
+        element(inertial, 'inertia', **dict(moments))
+        for shape in item.shapes:
+            _add_capsule(link, color_name(i), shape)
+        turn = Rotation.from_matrix(chain.frame[i].T @ TO_WIRE_FRAME)
+        element(root, 'link', name=center_frame(robot, i))
+        fixed = _join(root, center_frame(robot, i), name, center_frame(robot, i), 0.0)
+        element(fixed, 'origin', xyz=item.center_of_mass, rpy=turn.as_euler('xyz'))
+    for j, hinge in enumerate(robot.joints):
+        parent, child = robot.link_names[j : j + 2]
+        places = [(k, slot) for k, (at, slot) in enumerate(chain.axes.tolist()) if at == j]
+        axes = [axis for axis in (hinge.axis, hinge.second_axis) if axis is not None]
+        for m, ((k, slot), axis) in enumerate(zip(places, axes, strict=True)):
+            here = child if m == len(places) - 1 else f'{chain.names[k]}_cross'
+            joint = _join(root, chain.names[k], parent, here, 0.0, 'revolute')
+            if m == 0:
+                element(joint, 'origin', xyz=hinge.origin, rpy=hinge.rotation)
+            element(joint, 'axis', xyz=np.array(axis) / np.linalg.norm(axis))
+            element(joint, 'limit', **_limits(robot, j, list(AXES)[slot]))
+            _add_dynamics(joint, robot, j, slot)
+            if here != child:
+                _add_inertia(element(root, 'link', name=here), CROSS * robot.links[j + 1].mass)
+            parent = here
+
+
+def _add_dynamics(joint: ElementTree.Element, robot: Robot, j: int, slot: int) -> None:
+    """Append the friction of an axis of joint j, if it has any."""
+    friction, viscous = (
+        float(robot.per_joint(name)[j, slot]) for name in ('friction', 'viscous_friction')
+    )
+    if friction > 0.0 or viscous > 0.0:
+        element(joint, 'dynamics', damping=viscous, friction=friction)
+
+
+def _add_capsule(link: ElementTree.Element, color: str, shape: Shape) -> None:
+    """Append a sphere, or a capsule as two spheres and a cylinder, to a link."""
+    start = np.array(shape.start)
+    end = start if shape.end is None else np.array(shape.end)
+    length = float(np.linalg.norm(end - start))
+    for place in (start, end) if length else (start,):
+        for kind in ('visual', 'collision'):
+            part = element(link, kind)
+            element(part, 'origin', xyz=place)
+            if kind == 'visual':
+                element(part, 'material', name=color)
+            element(element(part, 'geometry'), 'sphere', radius=shape.radius)
+    if length:
+        x, y, z = (end - start) / length
+        rpy = (0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x))
+        part = element(link, 'visual')
+        element(part, 'origin', xyz=(start + end) / 2, rpy=rpy)
+        element(part, 'material', name=color)
+        element(element(part, 'geometry'), 'cylinder', radius=shape.radius, length=length)
+
+
+def center_frame(robot: Robot, i: int) -> str:
+    """Return the name of the frame at the center of link i: x along it, z up as it lies flat."""
+    return f'{robot.link_names[i]}_center' if robot.links else robot.link_names[i]
 
 
 def robot_of(urdf: str) -> Robot:

@@ -27,6 +27,7 @@ from snake_sim_ros.recording.bag_reader import NOT_OF_ONE, Raw, read_messages
 from snake_sim_ros.recording.from_messages import joint_axes
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, scene_from_text
+from snake_sim_ros.scene.posture import from_own_poses
 
 COMMANDS = {  # last part of the name of a topic: its type
     'joint_command': 'sensor_msgs/msg/JointState',
@@ -296,16 +297,20 @@ def _poses(
             )
         links = np.arange(n) if link is None else np.array([link - 1])
         time = np.array([clock(stamp, recorded) for stamp, recorded, _ in raw])
-        both = [from_messages.poses(message) for _, _, message in raw]
+        both = [from_messages.poses(message, robot) for _, _, message in raw]
         position, orientation = (np.array(part)[:, links] for part in zip(*both, strict=True))
     else:
         links = np.array([robot.middle_link if link is None else link - 1])
-        rows, turned = _single_poses(topic, raw, clock, links[0] + 1)
+        rows, turned = _single_poses(topic, raw, clock, robot.link_names[links[0]])
         time = np.array([moment for moment, _ in rows])
         numbers = np.array([pose for _, pose in rows])
         wire = np.where(turned[:, None], _half_turned(numbers[:, 3:]), numbers[:, 3:])
         position = numbers[:, None, :3]
         orientation = (wire @ from_messages.TO_WIRE.T)[:, None]
+        if robot.links:
+            own = numbers[:, None, [6, 3, 4, 5]]
+            q = from_own_poses(robot, position, own, links)
+            position, orientation = q[..., :3], q[..., 3:]
     size = np.linalg.norm(orientation, axis=-1, keepdims=True)
     with np.errstate(invalid='ignore', divide='ignore'):
         orientation = orientation / size
@@ -317,7 +322,7 @@ def _poses(
 
 
 def _single_poses(
-    topic: str, raw: Raw, clock: _Clock, number: int
+    topic: str, raw: Raw, clock: _Clock, link: str
 ) -> tuple[list[tuple[float, Sequence[float]]], Array]:
     """
     Return times and poses of a link, and whether each is that of the frame base_link.
@@ -329,7 +334,7 @@ def _single_poses(
         for item in getattr(message, 'transforms', [message]):
             frame = getattr(item, 'child_frame_id', '').rpartition('/')[2]
             if hasattr(message, 'transforms'):
-                if frame not in ('base_link', f'link_{number}'):
+                if frame not in ('base_link', link):
                     continue
                 stamp = item.header.stamp.sec + 1e-9 * item.header.stamp.nanosec
             pose = getattr(item, 'transform', None) or item.pose
@@ -339,7 +344,7 @@ def _single_poses(
             rows.append((clock(stamp, recorded), (r.x, r.y, r.z, p.x, p.y, p.z, p.w)))
             turned.append(frame == 'base_link')
     if not rows:
-        raise ParameterError(f'{topic} has neither base_link nor link_{number}')
+        raise ParameterError(f'{topic} has neither base_link nor {link}')
     return rows, np.array(turned)
 
 

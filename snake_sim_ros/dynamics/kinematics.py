@@ -261,7 +261,9 @@ def chain_geometry(
         center[0, k] = 0.0
         for i in range(1, n):
             if straight:
-                step = places.distal[i - 1, 2] * R[i - 1, k, 2] - places.proximal[i, 2] * R[i, k, 2]
+                step = (
+                    places.distal[i - 1, 2] * R[i - 1, k, 2] - places.proximal[i, 2] * R[i, k, 2]
+                )
             else:
                 step = carried_part(R, i - 1, places.distal, i - 1, k) - carried_part(
                     R, i, places.proximal, i, k

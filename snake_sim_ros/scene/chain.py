@@ -460,7 +460,7 @@ def euler_parameters(R: Array) -> Array:
 
     if not len(R):
         return np.zeros((0, 4))
-    return np.asarray(Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])
+    return np.ascontiguousarray(Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])
 
 
 def snapped(R: Array) -> Array:

@@ -31,6 +31,7 @@ from snake_sim_ros.scene.parameters import Array, Ground
 from snake_sim_ros.scene.robot_description import color_name, COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.view.frames import bodies_of
 
 Bar = Callable[[Array], Iterable[int]]  # returns the samples, and shows how many are left
 SIZE = np.array([640, 360])  # pixels; both are even, since four pixels of an MP4 share a color
@@ -222,13 +223,15 @@ class Film:
         robot, center = trajectory.scene.robot, trajectory.position
         self.trajectory = trajectory
         self.caption = [title] * bool(title) + [f'{speed:g}x'] * (speed != 1.0)
+        bodies = bodies_of(robot)
+        R = rotation_matrices(trajectory.orientation)[:, bodies.link]
+        middle = center[:, bodies.link] + np.einsum('maij,aj->mai', R, bodies.center)
         # Lines without length are not drawn.
-        arm = np.maximum(robot.per_link('contact_offset'), 1e-6)
-        arm = arm[:, None] * rotation_matrices(trajectory.orientation)[..., 2]
-        self.ends = np.stack([center + arm, center - arm], axis=2)
+        arm = np.maximum(bodies.half, 1e-6)[:, None] * np.einsum('maij,aj->mai', R, bodies.axis)
+        self.ends = np.stack([middle + arm, middle - arm], axis=2)
         # Links without extent are drawn thin.
-        thin = 0.05 * robot.per_link('link_length')
-        radius = np.maximum(robot.per_link('contact_radius'), thin)
+        thin = 0.05 * robot.per_link('link_length')[bodies.link]
+        radius = np.maximum(bodies.radius, thin)
         self.camera, self.middle, self.scale = best_view(self.ends, float(radius.max()))
         self.sun = SUN @ np.stack([self.camera[0], np.cross(UP, self.camera[0]), UP])
         x, y, wide = trajectory.scene.pegs.axes.T
@@ -238,10 +241,11 @@ class Film:
         ]
         self.pegs = np.stack(ends, axis=1)
         self.radius = np.append(radius, wide)
-        links = [COLORS[color_name(i)][:3] for i in range(robot.link_count)]
+        links = [COLORS[color_name(i)][:3] for i in bodies.link]
         paints = np.array(links + [PEG] * len(wide))
         self.paints = np.clip(paints[:, None] * LIGHT[:, None], 0.0, 1.0)
-        self.path = self.seen(center[:, robot.middle_link] - self.radius[robot.middle_link] * UP)
+        low = float(radius[bodies.link == robot.middle_link].max())
+        self.path = self.seen(center[:, robot.middle_link] - low * UP)
         friction = np.hypot(*trajectory.contact_force[:, :2].T)
         strong = float(np.quantile(friction, 0.95)) if len(friction) else 0.0
         self.arrow = LONGEST_ARROW * robot.per_link('link_length').sum() / max(strong, 1e-9)  # m/N

@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 
+from snake_sim_ros.scene.chain import Capsules
 from snake_sim_ros.scene.parameters import Array, Robot
-from snake_sim_ros.scene.posture import chain_coordinates, gaps
+from snake_sim_ros.scene.posture import chain_coordinates, gaps, pose_of_middle
 from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
 
 PLOTTED_TIME = 10.0  # s, length of the time that plots show
@@ -105,12 +106,17 @@ def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Arra
         (yaw, pitch) [rad]
     base : tuple of ndarray, optional
         Position [m] and Euler parameters of `base_link`, the middle link turned around, with x
-        forward and z up. Without it the robot lies on the floor around the origin, along x.
+        forward and z up; of a robot whose links are given one by one, those of its first link.
+        Without it the robot lies on the floor around the origin, along x.
 
     """
     q = chain_coordinates(robot, angle)
     middle, center = q[robot.middle_link].copy(), q[:, :3].mean(axis=0)
-    if base is None:
+    if base is not None and robot.links:
+        place, turned = pose_of_middle(robot, q, *base)
+        turn = product(turned, middle[3:] * [1.0, -1.0, -1.0, -1.0])
+        fixed = middle[:3]
+    elif base is None:
         along = q[-1, :2] - q[0, :2]
         turn, place, fixed = about(2, -math.atan2(along[1], along[0])), np.zeros(3), center
     else:
@@ -194,6 +200,34 @@ def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     along, upward = scale * forces, UPWARD_SCALE * scale * forces
     along[:, 2] = upward[:, :2] = 0.0
     return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
+
+
+def bodies_of(robot: Robot) -> Capsules:
+    """Return what is drawn of the links: their capsules, or a rod between joints without any."""
+    capsules, places = robot.chain.capsules, robot.chain.places
+    rows = []
+    for i in np.setdiff1d(np.arange(robot.link_count), capsules.link):
+        ends = places.proximal[i], places.distal[i]
+        if i in (0, robot.link_count - 1):  # which ends at its center
+            ends = (np.zeros(3), ends[1] if i == 0 else ends[0])
+        way = ends[1] - ends[0]
+        length = float(np.linalg.norm(way))
+        axis = way / length if length else np.array([0.0, 0.0, 1.0])
+        rows.append((i, (ends[0] + ends[1]) / 2, axis, length / 2, 0.0))
+    if not rows:
+        return capsules
+    more = (np.array(column) for column in zip(*rows, strict=True))
+    return Capsules(*map(np.concatenate, zip(capsules, more, strict=True)))
+
+
+def turned_to(axis: Array) -> Array:
+    """Return a rotation matrix whose last column is a unit vector, the identity for e_z."""
+    if axis[2] == 1.0:
+        return np.eye(3)
+    other = np.eye(3)[int(np.abs(axis).argmin())]
+    across = np.cross(other, axis)
+    across /= np.linalg.norm(across)
+    return np.column_stack([np.cross(across, axis), across, axis])
 
 
 def capsule(radius: float, offset: float) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.robot_description import color_name, COLORS
-from snake_sim_ros.view.frames import arrows, capsule, force_scale, Frame
+from snake_sim_ros.view.frames import arrows, bodies_of, capsule, force_scale, Frame, turned_to
 
 # Of Okabe and Ito, as in `charts`; red, green and blue.
 FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)
@@ -129,15 +129,16 @@ class Stage:
         )
 
     def _add_links(self) -> None:
-        """Add links of the same shape as one mesh each."""
-        names = ('contact_radius', 'contact_offset')
-        shapes = np.column_stack([self.robot.per_link(name) for name in names])
+        """Add bodies of the same shape as one mesh each."""
+        bodies = bodies_of(self.robot)
+        shapes = np.column_stack([bodies.radius, bodies.half, bodies.center, bodies.axis])
         kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
         colors = np.array([color_of(i) for i in range(self.robot.link_count)])
         self.links = []
-        for k, (radius, offset) in enumerate(kinds.tolist()):
-            links = np.flatnonzero(kind.ravel() == k)
-            vertices, faces = capsule(radius or self.size, offset)
+        for k, (radius, half, *place) in enumerate(kinds.tolist()):
+            links = bodies.link[kind.ravel() == k]
+            vertices, faces = capsule(radius or self.size, half)
+            vertices = vertices @ turned_to(np.array(place[3:])).T + place[:3]
             mesh = self.canvas.add_batched_meshes_simple(
                 f'/world/links/{k}',
                 vertices,

@@ -41,14 +41,12 @@ def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., m, 3)
     [m/s] for m contacts.
     """
-    spheres, R = robot.chain.spheres, rotation_matrices(q[..., 3:])
-    omega = (R @ u[..., 3:, None])[..., spheres.link, :, 0]
-    along, lever = (
-        R[..., spheres.link, :, 2],
-        np.einsum('...aij,aj->...ai', R[..., spheres.link, :, :], spheres.place),
-    )
+    spheres = robot.chain.spheres
+    R, u = rotation_matrices(q[..., 3:])[..., spheres.link, :, :], u[..., spheres.link, :]
+    omega = (R @ u[..., 3:, None])[..., 0]
+    along, lever = R[..., 2], np.einsum('...aij,aj->...ai', R, spheres.place)
     below = spheres.radius[:, None] * np.array([0.0, 0.0, 1.0])
-    v = u[..., spheres.link, :3] + np.cross(omega, lever - below)
+    v = u[..., :3] + np.cross(omega, lever - below)
     heading = along[..., :2] / np.linalg.norm(along[..., :2], axis=-1, keepdims=True)
     left = np.stack([-heading[..., 1], heading[..., 0]], axis=-1)
     return np.stack(

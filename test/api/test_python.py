@@ -265,8 +265,8 @@ def refused(**given):
 
 
 RETURNS = (
-    'must return angles of shape (10, 2), (yaw, pitch) of every joint [rad], or a tuple of angles '
-    'and rates of that shape, got '
+    'must return angles [rad] of shape (20,), one for each joint axis, or (10, 2), (yaw, pitch) '
+    'of every joint, or a tuple of angles and rates of such a shape, got '
 )
 
 

@@ -299,7 +299,7 @@ def test_sensors_in_a_bag_are_those_of_the_run(scene, tmp_path):
         forces = [(w.force.x, w.force.y, w.force.z) for w in wrenches]
         torques = [(w.torque.x, w.torque.y, w.torque.z) for w in wrenches]
         assert (np.hstack([forces, torques]) == found['contact_wrench'][:, k]).all()
-    angles = np.array([item.position for item in heard['/joint_states']]).reshape(41, 10, 2)
+    angles = np.array([item.position for item in heard['/joint_states']]).reshape(41, 20)
     assert (angles == found['measured_joint_angle']).all()
     # It is still a run for those who know nothing of sensors.
     assert len(read_bag(path).time) == 41

@@ -82,7 +82,7 @@ def test_poses_are_those_of_the_state():
     messages = StateMessages(scene.robot)
     messages.fill(0, state, np.zeros((10, 2)))
     message = deserialize_message(bytes(messages.link_poses), PoseArray)
-    position, orientation = from_messages.poses(message)
+    position, orientation = from_messages.poses(message, scene.robot)
     assert (position == state.q[:, :3]).all()
     # Both signs are the same rotation; sums of four products of halves round to 2e-16.
     sign = np.sign((orientation * state.q[:, 3:]).sum(axis=1, keepdims=True))
@@ -90,10 +90,12 @@ def test_poses_are_those_of_the_state():
 
 
 def test_joints_by_name():
-    axes = from_messages.joint_axes(['joint_2_pitch', 'joint_1_yaw', 'wheel'], [0.2, 0.1, 7.0], 2)
+    axes = from_messages.joint_axes(
+        ['joint_2_pitch', 'joint_1_yaw', 'wheel'], [0.2, 0.1, 7.0], Robot(link_count=3)
+    )
     assert np.array_equal(axes, [[0.1, np.nan], [np.nan, 0.2]], equal_nan=True)
-    assert np.isnan(from_messages.joint_axes(['joint_1_yaw'], [], 3)).all()
-    assert from_messages.joint_axes([], [], 0).shape == (0, 2)
+    assert np.isnan(from_messages.joint_axes(['joint_1_yaw'], [], Robot(link_count=4))).all()
+    assert from_messages.joint_axes([], [], Robot(link_count=1)).shape == (0, 2)
 
 
 @pytest.mark.parametrize('name', ['obstacle_aided', 'step', 'lateral_undulation'])

@@ -8,7 +8,14 @@ import math
 import numpy as np
 from oracle import moreau
 import pytest
-from random_states import EPS, jointed_links, random_parameters, random_robot, random_velocities
+from random_states import (
+    EPS,
+    jointed_links,
+    random_chain,
+    random_parameters,
+    random_robot,
+    random_velocities,
+)
 from scenes import layout, NEWTON, PRINTED, same_bits
 
 from snake_sim_ros import Friction, Report, Scene, Solver, State
@@ -21,7 +28,7 @@ from snake_sim_ros.dynamics.articulated_body import (
     Joints,
     solve,
 )
-from snake_sim_ros.dynamics.kinematics import chain_geometry
+from snake_sim_ros.dynamics.kinematics import chain_geometry, make_joint_frames
 from snake_sim_ros.scene import gait, posture
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
@@ -395,7 +402,11 @@ def test_sweeps_solve_the_constrained_chain(link_count):
         rng = np.random.default_rng([seed, n])
         R = rotation_matrices(random_parameters(rng, n))
         center, axis = np.empty((n, 3)), np.empty((n - 1, 2, 6))
-        chain_geometry(rng.uniform(0.1, 0.5, n), R, center, axis)
+        robot = random_chain(rng, n, two_axes=1.0) if seed % 2 else random_robot(rng, n)
+        places, links = robot.chain.places, make_joint_frames(robot.chain.places, R)
+        if not places.aligned:
+            links.inner[:], links.outer[:] = posture.joint_frames(R, robot)
+        chain_geometry(places, R, links, center, axis)
         inertia = np.array([random_inertia(rng) for _ in range(n)])
         if seed >= 4:  # a symmetric part that is positive definite, and any other
             other = rng.uniform(-2, 2, inertia.shape)

@@ -417,6 +417,9 @@ class Robot(CheckedRecord):
 
     def _check_chain(self) -> None:
         """Check the links and joints that are given one by one, and let them count."""
+        most = type(self).__dataclass_fields__['link_count'].metadata['maximum']
+        if len(self.links) > most:
+            raise ParameterError(f'links must be at most {most:g}, got {len(self.links)}')
         if len(self.joints) != len(self.links) - 1:
             raise ParameterError(
                 f'joints must be one fewer than the links, got {len(self.joints)} joints and '
@@ -435,6 +438,8 @@ class Robot(CheckedRecord):
             twice = sorted({name for name in given if given.count(name) > 1 and name})
             if twice:
                 raise ParameterError(f'names of {what} must differ, got {twice[0]!r} twice')
+        if not any(link.shapes for link in self.links):
+            raise ParameterError('a link must have shapes to lie on: all links have none')
         _ = self.chain
 
     @property

@@ -14,7 +14,7 @@ from snake_sim_ros.scene.parameters import load_scene, scene_from_text, scene_to
 
 pytestmark = pytest.mark.fast
 
-ROBOTS = ('aiko', 'scaled_snake', 'slender')
+ROBOTS = ('aiko', 'reu', 'rsnake', 'scaled_snake', 'sea', 'slender')
 SCENES = sorted(path.stem for path in CONFIG.glob('*.yaml') if path.stem not in ROBOTS)
 CASES = ('lateral_undulation', 'lateral_undulation_isotropic', 'sidewinding', 'sinus_lifting')
 

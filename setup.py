@@ -37,6 +37,8 @@ ros_wheels = {
 plots = ['matplotlib>=3.5,<4', 'Pillow>=9.1']
 # MCAP files and the messages in them, in Python alone, by those who define the format.
 bags = 'mcap-ros2-support>=0.5,<1'
+# Meshes of a URDF, of which the bounds are read; needs NumPy alone, for STL, OBJ and PLY.
+meshes = 'trimesh>=4.6,<6'
 # A page with 3-D, plots and controls that call back, served from one wheel of 4 MB.
 viewer = 'viser>=1.1,<2'
 # ffmpeg as a wheel of 30 MB; later versions have one of 70 MB.
@@ -138,6 +140,7 @@ setup(
         **ros_wheels,
         'plots': plots,
         'bags': [bags],
+        'urdf': [meshes],
         'viewer': [viewer],
         'video': [video],
         'studies': studies,
@@ -154,6 +157,7 @@ setup(
             'rosbags',  # another reader of bags
             *plots,
             bags,
+            meshes,
             viewer,
             video,
             *studies,

@@ -29,7 +29,7 @@ INSTALLATION = text('docs/installation.md')
 # optional packages, or one that is installed by pip: docs/installation.md names them.
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
 BUILD = {'setuptools'}  # comes with colcon
-OPTIONAL = {'bags', 'studies', 'video', 'viewer'}
+OPTIONAL = {'bags', 'studies', 'urdf', 'video', 'viewer'}
 SITE = {'docs'}  # only builds the site
 # Checks of style, other readers of bags and of URDF files, and what makes the tests faster.
 DEVELOPMENT = {

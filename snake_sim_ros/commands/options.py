@@ -15,10 +15,11 @@ from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
 from snake_sim_ros.recording.sensors import Sensors
 from snake_sim_ros.scene.checked_records import from_mapping, ParameterError, quoted
-from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import (
     Array,
     by_dotted_names,
+    load_robot,
     load_scene,
     Robot,
     Scene,
@@ -97,8 +98,7 @@ def given_settings(options: argparse.Namespace) -> dict[str, Any]:
     """Return the values given by the options of a command, by their dotted names in a scene."""
     settings = by_dotted_names(given_values(options.set, '--set'), Scene())
     if isinstance(settings.get('robot'), str):
-        path = find_file(settings['robot'], Path(), '--set')
-        settings['robot'] = from_mapping(Robot, read_mapping(path), path.name)
+        settings['robot'] = load_robot(settings['robot'], Path(), '--set')
     for key in ('duration', 'method', 'accuracy'):
         if getattr(options, key, None) is not None:
             settings[key] = getattr(options, key)

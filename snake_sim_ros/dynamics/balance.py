@@ -113,12 +113,13 @@ def hold_absent_axes(places: JointPlaces, chain: Chain) -> None:
 
 
 @inlined
-def joint_rates(frames: JointFrames, twist: Array, rate: Array) -> None:
+def joint_rates(places: JointPlaces, frames: JointFrames, twist: Array, rate: Array) -> None:
     """
-    Fill the rates of all joints.
+    Fill the rates of all joints, 0 for axes that a joint does not have.
 
     Parameters
     ----------
+    places : JointPlaces
     frames : JointFrames
     twist : ndarray, shape (n, 6)
         Twists of the links.
@@ -132,7 +133,8 @@ def joint_rates(frames: JointFrames, twist: Array, rate: Array) -> None:
             relative = twist[j + 1, k] - twist[j, k]
             yaw_rate += frames.inner[j, k, 1] * relative
             pitch_rate += frames.outer[j, k, 0] * relative
-        rate[j, 0], rate[j, 1] = yaw_rate, pitch_rate
+        rate[j, 0] = places.present[j, 0] * yaw_rate
+        rate[j, 1] = places.present[j, 1] * pitch_rate
 
 
 @inlined

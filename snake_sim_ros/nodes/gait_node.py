@@ -69,6 +69,10 @@ class Settings(CheckedRecord):
         '',
         'scene that the gait, and at the start the robot, is taken from: a YAML file or a name',
     )
+    robot_description: str = quantity(
+        '', '', 'robot in place of that of the scene: a URDF, or the name of its file',
+        longest=10**6,
+    )  # fmt: skip
     publish_rate: float = quantity(200.0, 'Hz', 'commands per second', minimum=1, maximum=1000)
     command_type: str = quantity(
         'joint_state', '', 'message type of the commands', choices=tuple(COMMAND_FORMS)

@@ -3,8 +3,10 @@
 """Parameters of a node, and the requests to set them."""
 
 from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import replace
 import json
 import math
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -27,7 +29,7 @@ from snake_sim_ros.scene.checked_records import (
     quoted,
 )
 from snake_sim_ros.scene.files import parse_yaml
-from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.scene.parameters import load_robot, load_scene, Scene, with_settings
 
 S = TypeVar('S')
 
@@ -118,6 +120,9 @@ def settle(
     own = {name: _read(given[name], usual[name][0]) for name in usual if name in given}
     settings = from_mapping(kind, own, node.get_name())
     scene = load_scene(settings.scene)
+    if description := getattr(settings, 'robot_description', ''):
+        robot = load_robot(description, Path(), 'robot_description', scene.robot)
+        scene = replace(scene, robot=robot)
     names = [name for name in parameter_fields(scene) if name.startswith(of_scene)]
     known = {*flat_fields(settings), *names}
     for name in given:

@@ -30,6 +30,10 @@ class Settings(Sensors):
     scene: str = quantity(
         'lateral_undulation', '', 'scene: a YAML file or the name of one in config/'
     )
+    robot_description: str = quantity(
+        '', '', 'robot in place of that of the scene: a URDF, or the name of its file',
+        longest=10**6,
+    )  # fmt: skip
     publish_rate: float = quantity(
         200.0, 'Hz', 'state messages per second of simulated time', minimum=10, maximum=1000
     )

@@ -78,6 +78,7 @@ def quantity(
     minimum: float = -math.inf,
     maximum: float = math.inf,
     choices: tuple[str, ...] = (),
+    longest: int = LONGEST_TEXT,
 ) -> Any:
     """
     Return a dataclass field that knows its unit, its meaning and its admissible values.
@@ -94,10 +95,13 @@ def quantity(
         Bounds of every number in the value; `above` itself is excluded.
     choices : tuple of str
         Admissible texts; empty for any.
+    longest : int
+        Most characters of a text.
 
     """
     limits = {'above': float(above), 'minimum': float(minimum), 'maximum': float(maximum)}
-    metadata = {'unit': unit, 'meaning': meaning, 'choices': choices, **limits}
+    metadata = {'unit': unit, 'meaning': meaning, 'choices': choices, 'longest': longest}
+    metadata |= limits
     return field(default=default, metadata=metadata)
 
 
@@ -168,10 +172,9 @@ def _checked_text(name: str, value: str, limits: Mapping[str, Any] | None) -> st
     choices = limits['choices'] if limits else ()
     if choices and value not in choices:
         raise ParameterError(f'{name} must be one of {", ".join(choices)}; got {quoted(value)}')
-    if len(value) > LONGEST_TEXT:
-        raise ParameterError(
-            f'{name} must have at most {LONGEST_TEXT} characters, got {quoted(value)}'
-        )
+    longest = limits['longest'] if limits else LONGEST_TEXT
+    if len(value) > longest:
+        raise ParameterError(f'{name} must have at most {longest} characters, got {quoted(value)}')
     return value
 
 

@@ -127,6 +127,26 @@ def parse_yaml(text: str) -> Any:
         raise ParameterError(f'{NOT_READABLE}{reason}') from None
 
 
+def read_text(path: Path) -> str:
+    """
+    Return the text of a file, up to a character more than a file may have.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read; the message names the file.
+
+    """
+    try:
+        with path.open(encoding='utf-8') as file:
+            return file.read(MOST_CHARACTERS + 1)
+    except (FileNotFoundError, NotADirectoryError):
+        raise ParameterError(f'no file {cut(str(path), LONGEST_PATH)}') from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ParameterError(f'{cut(str(path), LONGEST_PATH)}: {NOT_READABLE}{reason}') from None
+
+
 def read_yaml(path: Path) -> Any:
     """
     Return the value that a YAML file describes.
@@ -137,14 +157,7 @@ def read_yaml(path: Path) -> Any:
         If it cannot be read, or as `parse_yaml` raises it; the message names the file.
 
     """
-    try:
-        with path.open(encoding='utf-8') as file:
-            text = file.read(MOST_CHARACTERS + 1)
-    except (FileNotFoundError, NotADirectoryError):
-        raise ParameterError(f'no file {cut(str(path), LONGEST_PATH)}') from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise ParameterError(f'{cut(str(path), LONGEST_PATH)}: {NOT_READABLE}{reason}') from None
+    text = read_text(path)
     try:
         return parse_yaml(text)
     except ParameterError as error:

@@ -14,6 +14,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
+import logging
 import math
 from pathlib import Path
 from typing import Any
@@ -33,13 +34,14 @@ from snake_sim_ros.scene.checked_records import (
     to_mapping,
     with_values,
 )
-from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping
+from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping, read_text
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
 
 Array = NDArray[Any]
 PerLink = float | Numbers
 PerJoint = float | Numbers
 
+LOG = logging.getLogger('snake_sim_ros')
 STICKY = 1e6  # largest friction: with it everything sticks whose load is more than rounding
 
 
@@ -718,7 +720,8 @@ def load_scene(source: str | Path) -> Scene:
     ----------
     source : str or Path
         A file, or the name of a scene in config/ with or without ``.yaml``. The robot that a scene
-        names is searched in the folder of the scene, then in config/.
+        names, a YAML file or a URDF, is searched in the folder of the scene, then in config/. A
+        URDF is a scene of that robot alone.
 
     Raises
     ------
@@ -727,15 +730,77 @@ def load_scene(source: str | Path) -> Scene:
 
     """
     path = find_file(source, Path())
+    if path.suffix == '.urdf':
+        return Scene(robot=load_robot(path.name, path.parent, path.name))
     mapping = read_mapping(path)
     names = {str(key).removesuffix('_deg') for key in mapping}
     if names and names <= {item.name for item in fields(Robot)}:
         name = cut(str(source), LONGEST_PATH)
         raise ParameterError(f'{name} is a robot, not a scene; scenes say "robot: {name}"')
-    if isinstance(mapping.get('robot'), str):
-        robot = find_file(mapping['robot'], path.parent, path.name)
-        mapping['robot'] = to_mapping(from_mapping(Robot, read_mapping(robot), robot.name))
+    robot = mapping.get('robot')
+    if isinstance(robot, str) or (isinstance(robot, Mapping) and 'urdf' in robot):
+        mapping['robot'] = to_mapping(load_robot(robot, path.parent, path.name))
     return _scene(mapping, path.name, path.parent)
+
+
+def load_robot(
+    source: Any, folder: Path = Path(), where: str = 'robot', gains: Robot | None = None
+) -> Robot:
+    """
+    Return a robot from a file, from the text of a URDF, or from its values.
+
+    Parameters
+    ----------
+    source : str, Path or mapping
+        A YAML file or the name of a robot in config/; a URDF, as a file or as a text; or a mapping
+        of values. Its key `urdf` names a URDF, `base` the link that begins the chain, and
+        `replace_inertia: true` replaces inertias that cannot be.
+    folder : Path, optional
+        Where files are searched.
+    where : str, optional
+        What names the robot, for errors.
+    gains : Robot, optional
+        What a URDF does not say is that of this robot. Default: as Aiko.
+
+    Raises
+    ------
+    ParameterError
+        If the source is not usable.
+
+    """
+    if isinstance(source, Mapping) and 'urdf' in source:
+        given = dict(source)
+        options = {'base': given.pop('base', ''), 'replace': given.pop('replace_inertia', False)}
+        values = _values_of_urdf(given.pop('urdf'), folder, where, **options)
+        robot: Robot = from_mapping(Robot, values | given, where)
+        return robot
+    if isinstance(source, Mapping):
+        robot = from_mapping(Robot, source, where)
+        return robot
+    if str(source).lstrip().startswith('<') or str(source).endswith('.urdf'):
+        values = _values_of_urdf(str(source), folder, where)
+        kept = gains.__dict__ if gains else {}
+        robot = from_mapping(Robot, {**kept, 'link_count': len(values['links']), **values}, where)
+        return robot
+    path = find_file(source, folder, where)
+    robot = from_mapping(Robot, read_mapping(path), path.name)
+    return robot
+
+
+def _values_of_urdf(
+    source: str, folder: Path, where: str, base: str = '', *, replace: bool = False
+) -> dict[str, Any]:
+    """Return the values that a URDF, a text or a file, gives a robot; log what it leaves out."""
+    from snake_sim_ros.scene.urdf import robot_of_urdf
+
+    name = where
+    if not source.lstrip().startswith('<'):
+        path = find_file(source, folder, where)
+        source, folder, name = read_text(path), path.parent, path.name
+    found = robot_of_urdf(source, folder=folder, base=base, replace_inertia=replace, name=name)
+    for remark in found.remarks:
+        LOG.warning('%s: %s', name, remark)
+    return found.values
 
 
 def _scene(mapping: Any, where: str, folder: Path) -> Scene:

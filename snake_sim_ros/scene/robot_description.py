@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from snake_sim_ros.scene.chain import Shape
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.urdf import robot_of_urdf
 
 # Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
 # accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.
@@ -156,17 +157,22 @@ def center_frame(robot: Robot, i: int) -> str:
 
 def robot_of(urdf: str) -> Robot:
     """
-    Return the robot that a URDF of `robot_description` describes; gains are the defaults.
+    Return the robot that a URDF describes; gains are the defaults.
+
+    It is one of `robot_description`, or of any chain; see `urdf.robot_of_urdf`.
 
     Raises
     ------
     ParameterError
-        If it is not such a URDF.
+        If it is neither.
 
     """
     try:
         root = ElementTree.fromstring(urdf)
         links = {link.get('name', ''): link for link in root.iter('link')}
+        if not {'base_link', 'link_1_end', 'link_2_end'} & {*links}:
+            found = robot_of_urdf(urdf, replace_inertia=True)
+            return Robot(**found.values)
         n = sum(name.startswith('link_') and not name.endswith('_end') for name in links)
         joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
         limit = _child(joints['joint_1_yaw'], 'limit')

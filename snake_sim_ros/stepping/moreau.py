@@ -142,7 +142,7 @@ def solve_again(
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
-    joint_rates(work.frames, chain.twist, work.axes.rate)
+    joint_rates(model.robot.places, work.frames, chain.twist, work.axes.rate)
     laws, loads = model.robot.joint_laws, (work.torque, work.damping)
     trial = Trial(outcome, attempt, left)
     if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):

@@ -209,7 +209,7 @@ def place_end(
                 count = more
                 condense_anew(work.operator, closing)
             close_gaps(work.operator, closing, h_q)
-            keep_velocities(work, move)
+            keep_velocities(model.robot.places, work, move)
             add_velocities(move, own.moving)
         elif attempt > 0:
             break

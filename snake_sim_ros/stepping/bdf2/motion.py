@@ -30,6 +30,7 @@ from snake_sim_ros.dynamics.kinematics import (
     rates_in_inertial_frame,
     twists,
 )
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import ANEW, coefficients, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.model import Model, Workspace
@@ -173,11 +174,11 @@ def consistent_twists(motion: Motion, R: Array, axis: Array, twist: Array) -> No
 
 
 @inlined
-def keep_velocities(work: Workspace, motion: Motion) -> None:
+def keep_velocities(places: JointPlaces, work: Workspace, motion: Motion) -> None:
     """Fill the velocities of a motion with the solution of the chain."""
     R, twist = work.R, work.chain.twist
     end_velocities(twist, R, work.center, motion.u)
-    joint_rates(work.frames, twist, motion.rate)
+    joint_rates(places, work.frames, twist, motion.rate)
 
 
 @inlined

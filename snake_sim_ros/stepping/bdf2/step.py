@@ -165,13 +165,13 @@ def begin_axes(
 
 @inlined
 def axes_change(
-    laws: JointLaws, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
+    laws, chain = robot.joint_laws, work.chain
     if not laws.present:
         return False
-    chain = work.chain
-    joint_rates(work.frames, chain.twist, work.axes.rate)
+    joint_rates(robot.places, work.frames, chain.twist, work.axes.rate)
     loads = chain.torque, chain.damping[:, ::2]
     return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
 
@@ -300,7 +300,7 @@ def solve_landing(
             prepare_contacts(work.operator, landing)
             left = iterations_left(most, report)
             outcome = solve_prepared(work.operator, landing, history, left)
-            if not axes_change(model.robot.joint_laws, work, outcome, attempt, left, report):
+            if not axes_change(model.robot, work, outcome, attempt, left, report):
                 break
         note_outcome(outcome, report)
         if impact and not outcome.converged:
@@ -308,14 +308,14 @@ def solve_landing(
         if not turns_are_small(model.dt, chain.twist, report):
             return False, found, count
         if impact:
-            keep_velocities(work, own.end)
+            keep_velocities(model.robot.places, work, own.end)
             break
         contact_velocities(closed[count:], contacts, chain.frame, chain.twist)
         more = add_approaching(closed, count, contacts)
         if more > count:
             count = more
             continue
-        keep_velocities(work, own.moving)
+        keep_velocities(model.robot.places, work, own.moving)
         keep(own.moving, own.end)
         meets = joints_meet_stops(model.robot.joint_laws, own.moving.rate, work)
         find_end_gaps(terms.h_q, closed, contacts)

@@ -18,6 +18,7 @@ from snake_sim_ros.nodes.bag_writer import BagWriter
 from snake_sim_ros.nodes.messages import command_message, stamp_from
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.posture import own_poses
 
 KINDS = {
     'joint_command': JointState,
@@ -44,7 +45,11 @@ def gait_commands(scene, times):
     """Return the messages of a gait node at some times."""
     names, count = list(scene.robot.axis_names), scene.robot.link_count - 1
     return [
-        ('joint_command', t, command_message(names, stamp_from(round(t * 1e9)), *told))
+        (
+            'joint_command',
+            t,
+            command_message(names, stamp_from(round(t * 1e9)), *map(scene.robot.by_axis, told)),
+        )
         for t, *told in zip(times, *gait.reference(scene.gait, times, count), strict=True)
     ]
 
@@ -53,14 +58,21 @@ def state_messages(recording, pose='link_poses', lag=0.0):
     """Return the messages of joint states and poses; they are recorded some time [s] later."""
     names = list(recording.scene.robot.axis_names)
     messages = []
-    for t, angle in zip(recording.joint_time, recording.joint_angle, strict=True):
-        message = JointState(name=names, position=angle.ravel().tolist())
+    columns = recording.joint_angle
+    if columns.ndim == 3:
+        columns = recording.scene.robot.by_axis(columns)
+    for t, angle in zip(recording.joint_time, columns, strict=True):
+        message = JointState(name=names, position=angle.tolist())
         message.header.stamp = stamp_from(round(t * 1e9))
         messages.append(('joint_states', t + lag, message))
     rows = zip(recording.pose_time, recording.position, recording.orientation, strict=True)
     for t, position, orientation in rows:
         message = KINDS[pose]()
         wire = orientation @ TO_WIRE
+        if recording.scene.robot.links:
+            q = np.concatenate([position, orientation], axis=-1)
+            position, own = own_poses(recording.scene.robot, q)
+            wire = own[:, [1, 2, 3, 0]]
         if pose == 'link_poses':
             message.poses = [message_of(r, p) for r, p in zip(position, wire, strict=True)]
         elif pose == 'odom':

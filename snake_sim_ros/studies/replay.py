@@ -387,7 +387,7 @@ class Replay:
             return Residual(np.full((*size, 6), LOST), lost)
         links = as_measured(q[0][:, self.recording.links], setup)
         poses = aligned(segment, links, settings.noise_position, settings.noise_angle)
-        angle = joint_angles(q[1])
+        angle = joint_angles(q[1], scene.robot)
         return Residual(poses, (segment.joint_angle - angle) / settings.noise_angle)
 
     def simulated(
@@ -606,7 +606,7 @@ def without_noise(
     )
     kept = np.isin(recording.joint_time, joints)
     missing = np.isnan(recording.joint_angle[kept])
-    angle = joint_angles(between(q, u, every * dt, joints - begin))
+    angle = joint_angles(between(q, u, every * dt, joints - begin), scene.robot)
     links = as_measured(between(q, u, every * dt, poses - begin)[:, recording.links], setup)
     return replace(
         recording,

@@ -72,6 +72,7 @@ class MadeOf:
 
     def __init__(self, trajectory):
         self.joint_time = self.pose_time = trajectory.time
+        self.scene = trajectory.scene
         self.joint_angle = trajectory.joint_angle
         self.position, self.orientation = trajectory.position, trajectory.orientation
 

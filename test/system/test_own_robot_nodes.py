@@ -1,0 +1,87 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A robot from a URDF as real nodes: its names, its frames, its own joints commanded."""
+
+from xml.etree import ElementTree
+
+from modular import modular_robot
+import numpy as np
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from sim_client import SimClient
+from std_msgs.msg import String
+
+from snake_sim_ros.scene.robot_description import robot_description
+
+NAMES = [f'servo_{j}' for j in range(5)]
+
+
+@pytest.fixture(scope='module')
+def urdf(tmp_path_factory):
+    path = tmp_path_factory.mktemp('urdf') / 'modules.urdf'
+    path.write_text(robot_description(modular_robot(6)), encoding='utf-8')
+    return path
+
+
+@pytest.fixture(scope='module')
+def sim(make_graph, urdf):
+    """A sim of the robot in place of Aiko."""
+    client = SimClient(make_graph(), f'robot_description:={urdf}', 'imu_links:=module_2')
+    client.wait_until_connected()
+    return client
+
+
+def test_topics_have_the_names_of_the_robot(sim, urdf):
+    states, odom = sim.joint_states[-1], sim.odom[-1]
+    assert list(states.name) == NAMES
+    assert len(states.position) == len(states.velocity) == len(states.effort) == 5
+    assert len(sim.link_poses[-1].poses) == 6
+    assert odom.child_frame_id == 'module_0'
+    base = sim.link_poses[-1].poses[0]
+    assert odom.pose.pose.position == base.position
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    found = []
+    sim.graph.node.create_subscription(String, 'robot_description', found.append, latched)
+    sim.graph.until(lambda: found, 'robot_description')
+    tree = ElementTree.fromstring(found[0].data)
+    joints = [item.get('name') for item in tree.iter('joint') if item.get('type') == 'revolute']
+    assert joints == NAMES
+    # The modules are 6 cm apart, whatever the joints do.
+    places = [(p.position.x, p.position.y, p.position.z) for p in sim.link_poses[-1].poses]
+    apart = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert apart == pytest.approx(np.full(5, 0.06), abs=1e-6)
+
+
+def test_joints_are_commanded_by_their_names(sim):
+    # The third one is mounted upside down: its angle has its own sign all the same.
+    sim.send({'servo_2': 0.3, 'servo_1': -0.2})
+
+    def reached():
+        angle = dict(zip(NAMES, sim.joint_states[-1].position, strict=True))
+        return abs(angle['servo_2'] - 0.3) < 0.05 and abs(angle['servo_1'] + 0.2) < 0.05
+
+    sim.graph.until(reached, 'the commanded angles', 10)
+    sim.send({'joint_1_yaw': 0.1})
+    said = "joint_command: unknown joint 'joint_1_yaw'; joints are servo_0 to servo_4"
+    sim.graph.until(lambda: sim.process.count(said), said)
+
+
+def test_gait_commands_the_same_names(sim, urdf):
+    heard = sim.graph.record(JointState, 'joint_command')
+    sim.graph.start('gait', f'robot_description:={urdf}', 'start_from:=now')
+    sim.graph.until(lambda: len(heard) > 100, 'commands of the gait')
+    assert list(heard[-1].name) == NAMES
+    angle = np.array([item.position for item in heard])
+    # Lateral undulation of the default scene: joints that turn upright move, the others do not.
+    assert np.ptp(angle[:, ::2], axis=0).min() > 0.01
+    assert not angle[:, 1::2].any()
+
+
+def test_what_is_no_robot_is_refused(make_graph, tmp_path):
+    path = tmp_path / 'tree.urdf'
+    path.write_text('<robot name="x"><link name="a"/></robot>', encoding='utf-8')
+    process = make_graph().start('sim', f'robot_description:={path}')
+    process.wait_for('tree.urdf')
+    assert process.popen.wait(20) != 0
+    assert 'Traceback' not in process.output

@@ -467,6 +467,7 @@ def _curve(commands: Sequence[Command], robot: Robot, times: Array) -> tuple[Arr
         ])
         for part in ('position', 'velocity')
     )  # fmt: skip
-    curve = CubicHermiteSpline(moments, angle, rate)
+    # All axes are commanded but those that a joint does not have.
+    curve = CubicHermiteSpline(moments, np.nan_to_num(angle), np.nan_to_num(rate))
     within = np.clip(times, moments[0], moments[-1])
     return curve(within), curve.derivative()(within)

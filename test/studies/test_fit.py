@@ -10,12 +10,13 @@ import re
 import shlex
 from types import SimpleNamespace
 
+from modular import modular_robot
 import numpy as np
 import pytest
 from random_states import random_parameters
 from recorded_messages import gait_commands, state_messages, write_messages
 
-from snake_sim_ros import ParameterError, Robot, Scene, Simulation
+from snake_sim_ros import Friction, Gait, ParameterError, Robot, Scene, Simulation, Wave
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import flat_fields
@@ -546,3 +547,20 @@ def test_the_page_names_every_option(capsys):
         main(['fit', '--help'])
     options = set(re.findall(r'--[a-z][a-z-]+', capsys.readouterr().out)) - {'--help'}
     assert options <= set(re.findall(r'`(--[a-z-]+)', PAGE))
+
+
+def test_a_robot_of_single_axes_is_fitted(tmp_path):
+    wave = Wave(amplitude=0.5, angular_frequency=2.0, phase_lag=-0.6)
+    scene = Scene(
+        robot=modular_robot(6), gait=Gait(yaw=wave, soft_start=1.0),
+        friction=Friction(longitudinal=0.1, transversal=0.5),
+    )  # fmt: skip
+    recording = recording_of(scene, tmp_path)
+    assert recording.scene.robot == scene.robot
+    # Yaw of joints 1, 3 and 5, pitch of 2 and 4; the others are not measured.
+    assert np.isfinite(recording.joint_angle).all(axis=0).tolist() == [
+        [True, False], [False, True], [True, False], [False, True], [True, False],
+    ]  # fmt: skip
+    replay = replay_of(recording, **{'friction.longitudinal': 0.15})
+    exact = fit(replay, unknowns_of(replay.scene, ['friction.longitudinal']), threads=1)
+    assert exact.values == pytest.approx([0.1], rel=1e-2)

@@ -273,7 +273,7 @@ RETURNS = (
 @pytest.mark.parametrize(
     ('function', 'sentence'),
     [
-        (refused(gait=lambda t: np.zeros(20)), f'gait(t) {RETURNS}(20,)'),
+        (refused(gait=lambda t: np.zeros(21)), f'gait(t) {RETURNS}(21,)'),
         (refused(gait=lambda t: 'no'), f'gait(t) {RETURNS}str'),
         (
             refused(gait=lambda t: (np.zeros((10, 2)), np.zeros((9, 2)))),

@@ -45,7 +45,7 @@ class Offline:
         """Return the present state."""
         simulation = self.simulation
         q, u = simulation.state.q, simulation.state.u
-        angle, rate = joint_motion(q[None], u[None])
+        angle, rate = joint_motion(simulation.scene.robot, q[None], u[None])
         # The axes x, y, z on the wire are e_z, e_x, e_y of frame B.
         R = rotation_matrices(q[:, 3:])
         axes = R[:, :, [2, 0, 1]]

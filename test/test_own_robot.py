@@ -82,7 +82,7 @@ def test_the_walk_of_the_page(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize(('name', 'way'), [('reu_sidewinding', 0.8), ('reu_lateral', 1.1)])
 def test_reu_travels(name, way):
-    found = run(name)
+    found = run(name, duration=10.0)
     assert found.distance == pytest.approx(way, rel=0.1)
     assert not found.report.unconverged and found.report.penetration_max < 1e-5
 

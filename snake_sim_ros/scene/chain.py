@@ -454,6 +454,15 @@ def roll_pitch_yaw(angles: Numbers) -> Array:
     ])  # fmt: skip
 
 
+def angles_of(R: Array) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a rotation matrix: the inverse of `roll_pitch_yaw` [rad]."""
+    across = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], across)
+    if across < SQUARE:  # any yaw does
+        return math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0
+    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
+
+
 def euler_parameters(R: Array) -> Array:
     """Return Euler parameters of rotation matrices (k, 3, 3), shape (k, 4), scalar first."""
     from scipy.spatial.transform import Rotation

@@ -21,9 +21,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from snake_sim_ros.scene.chain import Shape
+from snake_sim_ros.scene.chain import angles_of, Shape
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.urdf import robot_of_urdf
@@ -99,10 +98,10 @@ def _add_chain(root: ElementTree.Element, robot: Robot) -> None:
         element(inertial, 'inertia', **dict(moments))
         for shape in item.shapes:
             _add_capsule(link, color_name(i), shape)
-        turn = Rotation.from_matrix(chain.frame[i].T @ TO_WIRE_FRAME)
+        turn = angles_of(chain.frame[i].T @ TO_WIRE_FRAME)
         element(root, 'link', name=center_frame(robot, i))
         fixed = _join(root, center_frame(robot, i), name, center_frame(robot, i), 0.0)
-        element(fixed, 'origin', xyz=item.center_of_mass, rpy=turn.as_euler('xyz'))
+        element(fixed, 'origin', xyz=item.center_of_mass, rpy=turn)
     for j, hinge in enumerate(robot.joints):
         parent, child = robot.link_names[j : j + 2]
         places = [(k, slot) for k, (at, slot) in enumerate(chain.axes.tolist()) if at == j]

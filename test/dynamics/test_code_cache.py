@@ -23,10 +23,13 @@ PROGRAM = """
 import sys
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.dynamics import kinematics
+from snake_sim_ros.scene.parameters import Robot
 import numpy as np
-names = []
+names, places, R = [], Robot(link_count=2).chain.places, np.zeros((2, 3, 3))
+frames = kinematics.make_joint_frames(places, R)
+motion = np.zeros((1, 2, 7)), np.zeros((1, 2, 6))
 with watched(names.append):
-    kinematics.link_frames(np.zeros((2, 4)), np.zeros((2, 3, 3)))
+    kinematics.joint_motions(places, motion, R, np.zeros((2, 3)), frames, np.zeros((1, 1, 2, 2)))
 print(len(names), 'scipy.linalg' in sys.modules)
 """
 

@@ -100,7 +100,7 @@ def test_it_is_a_run(recorded):
     assert trajectory.level[-1] == 'planar'
     # The angles of the first poses may have arrived later.
     moved = np.nanmax(trajectory.joint_angle, axis=0) - np.nanmin(trajectory.joint_angle, axis=0)
-    assert moved[:, 0].min() > 0.1
+    assert moved[::2].min() > 0.1
     _, force = trajectory.contacts(len(trajectory.time) - 1)
     assert force[:, 2].sum() == pytest.approx(73.575, rel=1e-6)
 

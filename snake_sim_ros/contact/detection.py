@@ -209,10 +209,10 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
     spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
     closed, contacts = found.closed, found.contacts
     geometry, solution = contacts.geometry, contacts.solution
-    place, radius, count = spheres.place, spheres.radius, 0
+    place, radius, straight, count = spheres.place, spheres.radius, spheres.straight, 0
     for a in spheres.of_link:
         i = spheres.link[a]
-        arm = carried_part(R, i, place, a, 2)
+        arm = carried_part(straight, R, i, place, a, 2)
         gap = q[i, 2] + arm - radius[a]
         if gap <= tolerance or geometry.takes_part[a] == 1:
             x, y = R[i, 0, 2], R[i, 1, 2]
@@ -224,8 +224,8 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
             flat = c > 1e-6
             geometry.heading[a, 0] = x / c if flat else 1.0
             geometry.heading[a, 1] = y / c if flat else 0.0
-            geometry.point[a, 0] = center[i, 0] + carried_part(R, i, place, a, 0)
-            geometry.point[a, 1] = center[i, 1] + carried_part(R, i, place, a, 1)
+            geometry.point[a, 0] = center[i, 0] + carried_part(straight, R, i, place, a, 0)
+            geometry.point[a, 1] = center[i, 1] + carried_part(straight, R, i, place, a, 1)
             geometry.point[a, 2] = center[i, 2] + arm - radius[a]
             geometry.radius[a] = radius[a]
     return count

@@ -94,10 +94,10 @@ def joint_violation_rate(
     for j in range(len(R) - 1):
         square = 0.0
         for k, r, s in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            before_r = carried_part(R, j, places.distal, j, r)
-            before_s = carried_part(R, j, places.distal, j, s)
-            after_r = carried_part(R, j + 1, places.proximal, j + 1, r)
-            after_s = carried_part(R, j + 1, places.proximal, j + 1, s)
+            before_r = carried_part(places.straight, R, j, places.distal, j, r)
+            before_s = carried_part(places.straight, R, j, places.distal, j, s)
+            after_r = carried_part(places.straight, R, j + 1, places.proximal, j + 1, r)
+            after_s = carried_part(places.straight, R, j + 1, places.proximal, j + 1, s)
             before = omega[j, r] * before_s - omega[j, s] * before_r
             after = omega[j + 1, r] * after_s - omega[j + 1, s] * after_r
             fastest = max(fastest, abs(u[j + 1, k] - (u[j, k] + before - after)))

@@ -260,22 +260,16 @@ def chain_geometry(
     for k in range(3):
         center[0, k] = 0.0
         for i in range(1, n):
-            if straight:
-                step = (
-                    places.distal[i - 1, 2] * R[i - 1, k, 2] - places.proximal[i, 2] * R[i, k, 2]
-                )
-            else:
-                step = carried_part(R, i - 1, places.distal, i - 1, k) - carried_part(
-                    R, i, places.proximal, i, k
-                )
+            before = carried_part(straight, R, i - 1, places.distal, i - 1, k)
+            step = before - carried_part(straight, R, i, places.proximal, i, k)
             center[i, k] = center[i - 1, k] + step
         origin = center[n // 2, k]
         for i in range(n):
             center[i, k] -= origin
     for j in range(n - 1):
-        x = center[j, 0] + carried_part(R, j, places.distal, j, 0)
-        y = center[j, 1] + carried_part(R, j, places.distal, j, 1)
-        z = center[j, 2] + carried_part(R, j, places.distal, j, 2)
+        x = center[j, 0] + carried_part(straight, R, j, places.distal, j, 0)
+        y = center[j, 1] + carried_part(straight, R, j, places.distal, j, 1)
+        z = center[j, 2] + carried_part(straight, R, j, places.distal, j, 2)
         for k in range(2):  # yaw about e_y of the inner frame, pitch about e_x of the outer one
             sign = present[j, k] if j >= n // 2 else -present[j, k]
             if k == 0:
@@ -290,8 +284,14 @@ def chain_geometry(
 
 
 @inlined
-def carried_part(R: Array, i: int, place: Array, row: int, k: int) -> float:
-    """Return component k in I of a vector of link i, which is a row of place (m, 3)."""
+def carried_part(straight: bool, R: Array, i: int, place: Array, row: int, k: int) -> float:
+    """
+    Return component k in I of a vector of link i, which is a row of place (m, 3).
+
+    If all rows are `straight` they are along the links, as all places of Aiko.
+    """
+    if straight:
+        return R[i, k, 2] * place[row, 2]
     return R[i, k, 0] * place[row, 0] + R[i, k, 1] * place[row, 1] + R[i, k, 2] * place[row, 2]
 
 
@@ -299,9 +299,9 @@ def carried_part(R: Array, i: int, place: Array, row: int, k: int) -> float:
 def carried_in(R: Array, i: int, place: Array, row: int) -> Three:
     """Return in I a vector of link i, which is a row of place (m, 3)."""
     return (
-        carried_part(R, i, place, row, 0),
-        carried_part(R, i, place, row, 1),
-        carried_part(R, i, place, row, 2),
+        carried_part(False, R, i, place, row, 0),
+        carried_part(False, R, i, place, row, 1),
+        carried_part(False, R, i, place, row, 2),
     )
 
 

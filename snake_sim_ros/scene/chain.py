@@ -170,6 +170,7 @@ class Spheres(NamedTuple):
     reach: Array  # (n,) how far the spheres of a link reach from its center [m]
     begin: Array  # (n+1,) where the spheres of a link begin in of_link
     of_link: Array  # (m,) numbers of the spheres, link by link
+    straight: bool  # whether the centers of all spheres are on the axes e_z of their links
 
 
 class Capsules(NamedTuple):
@@ -223,6 +224,7 @@ def chain_of_equal_links(robot: Any) -> Chain:
             reach=offset + radius,
             begin=2 * np.arange(n + 1),
             of_link=np.arange(2 * n).reshape(2, n).T.ravel().copy(),
+            straight=True,
         ),
         capsules=Capsules(np.arange(n), np.zeros((n, 3)), along, offset, radius),
         axes=np.column_stack([joint, slot]),
@@ -422,6 +424,7 @@ def spheres_of(n: int, shapes: list[tuple[int, float, float, Array, Array]]) -> 
         ),
         begin=np.concatenate([[0], np.cumsum(counts)]).astype(int),
         of_link=np.array([number[place] for place in rank], dtype=int),
+        straight=not any(row[1][:2].any() for row in rows),
     )
 
 

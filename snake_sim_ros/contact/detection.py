@@ -34,6 +34,7 @@ from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
 
+Two = tuple[float, float]
 LANDING_SPEED = 0.1  # a contact takes part if this speed could close its gap in the step [m/s]
 
 
@@ -530,9 +531,12 @@ def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> fl
     for s in range(len(spheres.link)):
         for k in range(4):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
-    for c in range(len(robot.capsules.link)):
-        for k in range(len(obstacles.pegs)):
-            lowest = min(lowest, gap_to_peg(obstacles.pegs, robot.capsules, q, c, k))
+    if len(obstacles.pegs) > 0:
+        for c in range(len(robot.capsules.link)):
+            middle, axis = from_above(robot.capsules, q, c)
+            for k in range(len(obstacles.pegs)):
+                gap = gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
+                lowest = min(lowest, gap)
     if obstacles.pair_count > 0:
         for s in range(len(spheres.link)):
             for t in range(len(spheres.link)):
@@ -545,21 +549,26 @@ def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> fl
 def gap_to_ground(obstacles: Obstacles, spheres: Spheres, q: Array, s: int, k: int) -> float:
     """Return the gap of sphere s to the box below one of four cells; see `ground_contact`."""
     i = spheres.link[s]
-    arm = carried_place(q, i, spheres.place, s)
+    arm = carried_place(spheres.straight, q, i, spheres.place, s)
     x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
     gap, _, _, _ = ground_contact(obstacles, x, y, z, spheres.radius[s], k)
     return gap
 
 
 @inlined
-def gap_to_peg(pegs: Array, capsules: Capsules, q: Array, c: int, k: int) -> float:
-    """Return the gap of capsule c to peg k [m]."""
+def from_above(capsules: Capsules, q: Array, c: int) -> tuple[Two, Two]:
+    """Return x and y of the middle of capsule c [m], and of the unit vector along it, in I."""
     i = capsules.link[c]
-    lever, axis = carried_place(q, i, capsules.center, c), carried_place(q, i, capsules.axis, c)
-    middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
-    _, distance, _, _ = peg_contact(
-        middle, (axis[0], axis[1]), capsules.half[c], (pegs[k, 0], pegs[k, 1])
-    )
+    lever = carried_place(False, q, i, capsules.center, c)
+    axis = carried_place(False, q, i, capsules.axis, c)
+    return (q[i, 0] + lever[0], q[i, 1] + lever[1]), (axis[0], axis[1])
+
+
+@inlined
+def gap_to_peg(pegs: Array, capsules: Capsules, middle: Two, axis: Two, c: int, k: int) -> float:
+    """Return the gap of capsule c, see `from_above`, to peg k [m]."""
+    peg = pegs[k, 0], pegs[k, 1]
+    _, distance, _, _ = peg_contact(middle, axis, capsules.half[c], peg)
     return distance - pegs[k, 2] - capsules.radius[c]
 
 
@@ -567,7 +576,10 @@ def gap_to_peg(pegs: Array, capsules: Capsules, q: Array, c: int, k: int) -> flo
 def gap_of_spheres(spheres: Spheres, q: Array, s: int, t: int) -> float:
     """Return the gap of two spheres of different links [m]."""
     i, j, square = spheres.link[s], spheres.link[t], 0.0
-    arm, other = carried_place(q, i, spheres.place, s), carried_place(q, j, spheres.place, t)
+    arm, other = (
+        carried_place(spheres.straight, q, i, spheres.place, s),
+        carried_place(spheres.straight, q, j, spheres.place, t),
+    )
     for k in range(3):
         square += (q[i, k] + arm[k] - q[j, k] - other[k]) ** 2
     return math.sqrt(square) - spheres.radius[s] - spheres.radius[t]
@@ -599,6 +611,7 @@ def obstacle_gap(
         return gap_of_spheres(spheres, q, pair[0], pair[1])
     if a >= obstacles.first_peg:
         k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
-        return gap_to_peg(obstacles.pegs, robot.capsules, q, c, k)
+        middle, axis = from_above(robot.capsules, q, c)
+        return gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
     k, s = divmod(a, len(spheres.link))
     return gap_to_ground(obstacles, spheres, q, s, k)

@@ -173,8 +173,9 @@ def link_inertia(robot: Mechanism, R: Array, center: Array, inertia: Array) -> N
         A[1, 5] = A[5, 1] = -m * x
         A[2, 3] = A[3, 2] = -m * y
         A[2, 4] = A[4, 2] = m * x
-        if not robot.slender:
-            add_uneven_inertia(R[i], robot.uneven[i], A)
+    if not robot.slender:
+        for i in range(len(R)):
+            add_uneven_inertia(R[i], robot.uneven[i], inertia[i])
 
 
 @inlined
@@ -224,17 +225,6 @@ def smooth_momentum(
         lx = robot.inertia_transversal[i] * u[i, 3] - slender * wy * wz
         ly = robot.inertia_transversal[i] * u[i, 4] + slender * wz * wx
         lz = robot.inertia_axial[i] * u[i, 5]
-        if not robot.slender:
-            T = robot.uneven[i]
-            lx += T[0, 0] * u[i, 3] + T[0, 1] * u[i, 4] + T[0, 2] * u[i, 5]
-            ly += T[1, 0] * u[i, 3] + T[1, 1] * u[i, 4] + T[1, 2] * u[i, 5]
-            lz += T[2, 0] * u[i, 3] + T[2, 1] * u[i, 4] + T[2, 2] * u[i, 5]
-            hx = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz
-            hy = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz
-            hz = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz
-            lx -= dt * (wy * hz - wz * hy)
-            ly -= dt * (wz * hx - wx * hz)
-            lz -= dt * (wx * hy - wy * hx)
         px = robot.mass[i] * (u[i, 0] + dt * robot.gravity[0])
         py = robot.mass[i] * (u[i, 1] + dt * robot.gravity[1])
         pz = robot.mass[i] * (u[i, 2] + dt * robot.gravity[2])
@@ -243,3 +233,26 @@ def smooth_momentum(
         momentum[i, 1] = R[i, 1, 0] * lx + R[i, 1, 1] * ly + R[i, 1, 2] * lz + z * px - x * pz
         momentum[i, 2] = R[i, 2, 0] * lx + R[i, 2, 1] * ly + R[i, 2, 2] * lz + x * py - y * px
         momentum[i, 3], momentum[i, 4], momentum[i, 5] = px, py, pz
+    if not robot.slender:
+        for i in range(len(u)):
+            add_uneven_momentum(dt, robot.uneven[i], u[i], u_h[i], R[i], momentum[i])
+
+
+@inlined
+def add_uneven_momentum(
+    dt: float, T: Array, u: Array, u_h: Array, R: Array, momentum: Array
+) -> None:
+    """
+    Add to the momentum of a link what the inertia T that it has besides contributes.
+
+    Other arguments are those of `smooth_momentum`, of one link.
+    """
+    wx, wy, wz = u_h[3], u_h[4], u_h[5]
+    hx = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz
+    hy = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz
+    hz = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz
+    lx = T[0, 0] * u[3] + T[0, 1] * u[4] + T[0, 2] * u[5] - dt * (wy * hz - wz * hy)
+    ly = T[1, 0] * u[3] + T[1, 1] * u[4] + T[1, 2] * u[5] - dt * (wz * hx - wx * hz)
+    lz = T[2, 0] * u[3] + T[2, 1] * u[4] + T[2, 2] * u[5] - dt * (wx * hy - wy * hx)
+    for k in range(3):
+        momentum[k] += R[k, 0] * lx + R[k, 1] * ly + R[k, 2] * lz

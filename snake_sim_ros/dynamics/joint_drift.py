@@ -62,10 +62,8 @@ def joint_violation(places: JointPlaces, q: Array) -> tuple[float, float]:
     """Return the largest violation of a joint in position [m] and angle [1], eqs. (11)-(13)."""
     gap = twist = 0.0
     for j in range(len(q) - 1):
-        a, b = (
-            carried_place(q, j, places.distal, j),
-            carried_place(q, j + 1, places.proximal, j + 1),
-        )
+        a = carried_place(places.straight, q, j, places.distal, j)
+        b = carried_place(places.straight, q, j + 1, places.proximal, j + 1)
         for k in range(3):
             gap = max(gap, abs(q[j, k] + a[k] - b[k] - q[j + 1, k]))
         twist = max(twist, abs(along(inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))))
@@ -157,12 +155,18 @@ def close_joints(rule: int, places: JointPlaces, mass: Array, furthest: Array, q
         x, y, z = q[i, 0], q[i, 1], q[i, 2]
         if i > 0:
             j = i - 1
-            square_axes(q, i, inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))
+            if places.aligned:
+                square_axes(q, i, axis_y(q, j), axis_x(q, i))
+            else:
+                square_axes(q, i, inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))
             if not places.complete:
                 hold_absent_axis(places, q, j)
             if furthest[j, 0] < math.inf or furthest[j, 1] < math.inf:
                 turn_back(places, q, j, furthest)
-            a, b = carried_place(q, j, places.distal, j), carried_place(q, i, places.proximal, i)
+            a, b = (
+                carried_place(places.straight, q, j, places.distal, j),
+                carried_place(places.straight, q, i, places.proximal, i),
+            )
             for k in range(3):
                 q[i, k] = q[j, k] + a[k] - b[k]
         moment_x += mass[i] * (q[i, 0] - x)

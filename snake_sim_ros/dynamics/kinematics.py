@@ -266,21 +266,28 @@ def chain_geometry(
         origin = center[n // 2, k]
         for i in range(n):
             center[i, k] -= origin
+    inner, outer = frames.inner, frames.outer
     for j in range(n - 1):
         x = center[j, 0] + carried_part(straight, R, j, places.distal, j, 0)
         y = center[j, 1] + carried_part(straight, R, j, places.distal, j, 1)
         z = center[j, 2] + carried_part(straight, R, j, places.distal, j, 2)
-        for k in range(2):  # yaw about e_y of the inner frame, pitch about e_x of the outer one
-            sign = present[j, k] if j >= n // 2 else -present[j, k]
-            if k == 0:
-                ax, ay, az = frames.inner[j, 0, 1], frames.inner[j, 1, 1], frames.inner[j, 2, 1]
-            else:
-                ax, ay, az = frames.outer[j, 0, 0], frames.outer[j, 1, 0], frames.outer[j, 2, 0]
-            ax, ay, az = sign * ax, sign * ay, sign * az
-            axis[j, k, 0], axis[j, k, 1], axis[j, k, 2] = ax, ay, az
-            axis[j, k, 3] = y * az - z * ay
-            axis[j, k, 4] = z * ax - x * az
-            axis[j, k, 5] = x * ay - y * ax
+        side = 1.0 if j >= n // 2 else -1.0
+        yaw, pitch = side * present[j, 0], side * present[j, 1]
+        # Yaw is about e_y of the inner frame, pitch about e_x of the outer one.
+        ax, ay, az = yaw * inner[j, 0, 1], yaw * inner[j, 1, 1], yaw * inner[j, 2, 1]
+        set_axis_twist(axis[j], 0, (ax, ay, az), (x, y, z))
+        ax, ay, az = pitch * outer[j, 0, 0], pitch * outer[j, 1, 0], pitch * outer[j, 2, 0]
+        set_axis_twist(axis[j], 1, (ax, ay, az), (x, y, z))
+
+
+@inlined
+def set_axis_twist(axis: Array, k: int, a: Three, point: Three) -> None:
+    """Write the twist of a turn at the rate a about a point to axis[k]."""
+    (ax, ay, az), (x, y, z) = a, point
+    axis[k, 0], axis[k, 1], axis[k, 2] = ax, ay, az
+    axis[k, 3] = y * az - z * ay
+    axis[k, 4] = z * ax - x * az
+    axis[k, 5] = x * ay - y * ax
 
 
 @inlined
@@ -366,10 +373,7 @@ def axis_z(q: Array, i: int) -> Three:
 @inlined
 def carried(q: Array, i: int, x: float, y: float, z: float) -> Three:
     """Return the vector (x, y, z) of link i in I, from coordinates q with unit parameters."""
-    c = axis_z(q, i)
-    if x == 0.0 and y == 0.0:  # along the link, as all places of Aiko are
-        return z * c[0], z * c[1], z * c[2]
-    a, b = axis_x(q, i), axis_y(q, i)
+    a, b, c = axis_x(q, i), axis_y(q, i), axis_z(q, i)
     return (
         x * a[0] + y * b[0] + z * c[0],
         x * a[1] + y * b[1] + z * c[1],
@@ -378,8 +382,11 @@ def carried(q: Array, i: int, x: float, y: float, z: float) -> Three:
 
 
 @inlined
-def carried_place(q: Array, i: int, place: Array, row: int) -> Three:
-    """Return in I a vector of link i, which is a row of place (m, 3); see `carried`."""
+def carried_place(straight: bool, q: Array, i: int, place: Array, row: int) -> Three:
+    """Return in I a vector of link i, which is a row of place (m, 3); see `carried_part`."""
+    if straight:
+        z, c = place[row, 2], axis_z(q, i)
+        return z * c[0], z * c[1], z * c[2]
     return carried(q, i, place[row, 0], place[row, 1], place[row, 2])
 
 
@@ -419,7 +426,7 @@ def chain_coordinates(
         if not places.aligned:
             p = turned_by(p, places.outer_turn, i - 1, -1.0)
         set_turn(q, i, p)
-        place_link(places.distal, places.proximal, q, i, i - 1)
+        place_link(places.straight, places.distal, places.proximal, q, i, i - 1)
     for i in range(root - 1, -1, -1):
         yaw, pitch = -0.5 * angle[i, 0], -0.5 * angle[i, 1]
         p = q[i + 1, 3], q[i + 1, 4], q[i + 1, 5], q[i + 1, 6]
@@ -429,7 +436,7 @@ def chain_coordinates(
         if not places.aligned:
             p = turned_by(p, places.inner_turn, i, -1.0)
         set_turn(q, i, p)
-        place_link(places.proximal, places.distal, q, i, i + 1)
+        place_link(places.straight, places.proximal, places.distal, q, i, i + 1)
     x, y, z = mean_of_links(mass, q)
     for i in range(n):
         q[i, 0] += pose[0] - x
@@ -486,9 +493,10 @@ def set_turn(q: Array, i: int, p: Four) -> None:
 
 
 @inlined
-def place_link(beyond: Array, near: Array, q: Array, i: int, beside: int) -> None:
+def place_link(straight: bool, beyond: Array, near: Array, q: Array, i: int, beside: int) -> None:
     """Place link i at its neighbor `beside`; their joint is at `beyond` in that, `near` in it."""
-    a, b = carried_place(q, beside, beyond, beside), carried_place(q, i, near, i)
+    a = carried_place(straight, q, beside, beyond, beside)
+    b = carried_place(straight, q, i, near, i)
     for k in range(3):
         q[i, k] = q[beside, k] + (a[k] - b[k])
 
@@ -497,7 +505,8 @@ def place_link(beyond: Array, near: Array, q: Array, i: int, beside: int) -> Non
 def sphere_height(spheres: Spheres, q: Array, a: int) -> float:
     """Return the height of the lowest point of sphere a over z = 0 [m]."""
     i = spheres.link[a]
-    return q[i, 2] + carried_place(q, i, spheres.place, a)[2] - spheres.radius[a]
+    arm = carried_place(spheres.straight, q, i, spheres.place, a)
+    return q[i, 2] + arm[2] - spheres.radius[a]
 
 
 @merged

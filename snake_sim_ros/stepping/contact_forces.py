@@ -155,7 +155,10 @@ def forces_of_ground(
         if a >= len(spheres.link):
             continue
         i = spheres.link[a]
-        arm, (x, y, _) = carried_place(q[m], i, spheres.place, a), axis_z(q[m], i)
+        arm, (x, y, _) = (
+            carried_place(spheres.straight, q[m], i, spheres.place, a),
+            axis_z(q[m], i),
+        )
         points[k, 0], points[k, 1] = q[m, i, 0] + arm[0], q[m, i, 1] + arm[1]
         points[k, 2] = q[m, i, 2] + arm[2] - spheres.radius[a]
         length = math.sqrt(x * x + y * y)

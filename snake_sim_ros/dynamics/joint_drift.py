@@ -67,15 +67,24 @@ def joint_violation(places: JointPlaces, q: Array) -> tuple[float, float]:
         for k in range(3):
             gap = max(gap, abs(q[j, k] + a[k] - b[k] - q[j + 1, k]))
         twist = max(twist, abs(along(inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))))
-        if places.present[j, 0] == 0.0:
-            twist = max(
-                twist, abs(along(inner_axis(places, q, j, 2), outer_axis(places, q, j, 0)))
-            )
-        elif places.present[j, 1] == 0.0:
-            twist = max(
-                twist, abs(along(inner_axis(places, q, j, 1), outer_axis(places, q, j, 2)))
-            )
+        if not places.complete:
+            k, m = held_columns(places, j)
+            a, b = inner_axis(places, q, j, k), outer_axis(places, q, j, m)
+            twist = max(twist, abs(along(a, b)))
     return gap, twist
+
+
+@inlined
+def held_columns(places: JointPlaces, j: int) -> tuple[int, int]:
+    """
+    Return the columns of the inner and the outer frame of joint j that its axes keep square.
+
+    By these a joint with one axis does not turn about the other one. Of a joint with two axes they
+    are those of eq. (13).
+    """
+    if places.present[j, 0] == 0.0:
+        return 2, 0
+    return (1, 2) if places.present[j, 1] == 0.0 else (1, 0)
 
 
 @inlined
@@ -100,11 +109,11 @@ def joint_violation_rate(
             after = omega[j + 1, r] * after_s - omega[j + 1, s] * after_r
             fastest = max(fastest, abs(u[j + 1, k] - (u[j, k] + before - after)))
             square += before_r * before_r
-        twist = relative_rate(inner, outer, omega, j, 1, 0)
-        if places.present[j, 0] == 0.0:
-            twist = max(twist, relative_rate(inner, outer, omega, j, 2, 0))
-        elif places.present[j, 1] == 0.0:
-            twist = max(twist, relative_rate(inner, outer, omega, j, 1, 2))
+        k, m = held_columns(places, j)
+        twist = max(
+            relative_rate(inner, outer, omega, j, 1, 0),
+            relative_rate(inner, outer, omega, j, k, m),
+        )
         fastest = max(fastest, math.sqrt(square) * twist)
     return fastest
 
@@ -206,10 +215,9 @@ def square_axes(q: Array, i: int, a: Three, b: Three) -> None:
 @inlined
 def hold_absent_axis(places: JointPlaces, q: Array, j: int) -> None:
     """Turn link j+1 back about the axis that joint j does not have, if there is one."""
-    if places.present[j, 0] == 0.0:
-        square_axes(q, j + 1, inner_axis(places, q, j, 2), outer_axis(places, q, j, 0))
-    elif places.present[j, 1] == 0.0:
-        square_axes(q, j + 1, inner_axis(places, q, j, 1), outer_axis(places, q, j, 2))
+    k, m = held_columns(places, j)
+    if (k, m) != (1, 0):
+        square_axes(q, j + 1, inner_axis(places, q, j, k), outer_axis(places, q, j, m))
 
 
 @inlined

@@ -134,7 +134,7 @@ def test_gaps_and_directions(seed):
     assert np.abs(gamma_N[first:] - rate).max() < 2e-6
     _, lever, frame = obstacles.contact_geometry(scene, state.q)
     v, omega = state.u[:, :3], np.einsum('ijk,ik->ij', R, state.u[:, 3:])
-    for a, (i, j, _, _) in enumerate(apart, first):
+    for a, (i, j) in enumerate(np.array(apart) % robot.link_count, first):
         point = state.q[i, :3] + lever[a]
         ends = [v[k] + np.cross(omega[k], point - state.q[k, :3]) for k in (i, j)]
         slip = frame[a, 1:] @ (ends[0] - ends[1])

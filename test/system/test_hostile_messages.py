@@ -105,8 +105,9 @@ def test_the_viewer_answers_after_a_large_message(make_graph):
         graph.until(lambda: all(each.done() for each in answers), 'answers')
         return time.monotonic() - begin
 
-    # All that wait are answered at one look, of ten a second, and not each at another one.
-    assert seconds_of(10) < 1.0
+    # All that wait are answered at one look, of ten a second, and not each at another one: that
+    # would take 1 s always, while a busy host delays one look or another.
+    assert min(seconds_of(10) for _ in range(4)) < 1.0
     markers.publish(MarkerArray(markers=[Marker()] * 2000))
     graph.spin(0.3)
     seconds_of(1)

@@ -554,7 +554,7 @@ class Robot(CheckedRecord):
 
         """
         if not self.links:
-            return values.reshape(*values.shape[:-2], -1)
+            return values.reshape(*values.shape[:-2], 2 * values.shape[-2])
         axes, signs = self.chain.axes, self.chain.signs
         return np.asarray(signs * values[..., axes[:, 0], axes[:, 1]])
 

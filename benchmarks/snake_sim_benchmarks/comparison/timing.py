@@ -377,7 +377,7 @@ def with_links(robot: Robot, link_count: int) -> Robot:
     lists: dict[str, Any] = {
         name: tuple(np.resize(value, link_count + len(value) - robot.link_count))
         for name, (value, _) in flat_fields(robot).items()
-        if isinstance(value, tuple)
+        if isinstance(value, tuple) and name not in ('links', 'joints', 'up')
     }
     return replace(robot, link_count=link_count, **lists)
 

@@ -89,7 +89,7 @@ def joint_command(
     topic, names = 'joint_command', list(message.name)
     axes = axes_of(topic, names, robot)
     count = len(names)
-    effort = _efforts(message, names, robot) if robot.effort_commands else None
+    effort = _efforts(message, names, axes, robot) if robot.effort_commands else None
     if effort and not message.position and not message.velocity:
         return ReceivedCommand(last, effort=effort)
     if len(message.position) != count:
@@ -111,7 +111,7 @@ def joint_command(
 
     stamp = _stamp(topic, message, last, axes, now)
     position, clamped = clamped_to(topic, names, position, robot.joint_limit)
-    signs = signs_of(names, robot)
+    signs = robot.place_signs[axes]
     reference = last.commanded(axes, stamp, signs * position, signs * velocity)
     return ReceivedCommand(reference, clamped, effort=effort)
 
@@ -137,7 +137,9 @@ def _stamp(
     return stamp
 
 
-def _efforts(message: JointState, names: list[str], robot: Robot) -> tuple[Array, Array] | None:
+def _efforts(
+    message: JointState, names: list[str], axes: Array, robot: Robot
+) -> tuple[Array, Array] | None:
     """Return axes and torques of a command, None if it has none; raise if they are not usable."""
     if not message.effort:
         return None
@@ -149,7 +151,7 @@ def _efforts(message: JointState, names: list[str], robot: Robot) -> tuple[Array
         )
     effort = np.array(message.effort)
     check_finite('joint_command', 'effort', names, effort)
-    return axes_of('joint_command', names, robot), signs_of(names, robot) * effort
+    return axes, robot.place_signs[axes] * effort
 
 
 def position_commands(
@@ -242,21 +244,14 @@ def jump_between(
 
 
 @lru_cache(maxsize=16)
-def _axes_by_name(robot: Robot) -> dict[str, tuple[int, float]]:
-    """Return name -> place along the robot, yaw before pitch, and sign of every axis."""
-    numbers = zip(robot.axis_places.tolist(), robot.axis_signs.tolist(), strict=True)
-    return dict(zip(robot.axis_names, numbers, strict=True))
+def _axes_by_name(robot: Robot) -> dict[str, int]:
+    """Return name -> place along the robot of every axis, yaw before pitch."""
+    return dict(zip(robot.axis_names, robot.axis_places.tolist(), strict=True))
 
 
 def _name_of(place: int, robot: Robot) -> str:
     """Return the name of an axis at some place along the robot."""
-    return next(name for name, (at, _) in _axes_by_name(robot).items() if at == place)
-
-
-def signs_of(names: Sequence[str], robot: Robot) -> Array:
-    """Return the signs of named axes, shape (names,)."""
-    known = _axes_by_name(robot)
-    return np.array([known[name][1] for name in names])
+    return next(name for name, at in _axes_by_name(robot).items() if at == place)
 
 
 def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
@@ -277,7 +272,7 @@ def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
     if len(set(given)) < len(given):
         twice = next(name for name in given if given.count(name) > 1)
         raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')
-    return np.array([known[name][0] for name in given])
+    return np.array([known[name] for name in given])
 
 
 def check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> None:
@@ -374,7 +369,7 @@ def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
     times, angle, rate = _points(message)
     _check_points(names, times, angle, rate, robot)
     angle, clamped = clamped_to(TOPIC, names, angle, robot.joint_limit)
-    signs = signs_of(names, robot)
+    signs = robot.place_signs[axes]
     angle, rate = signs * angle, None if rate is None else signs * rate
     pieces = np.zeros((len(times), 4, len(axes)))
     reach = speed = np.empty((0, len(axes)))

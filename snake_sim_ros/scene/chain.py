@@ -457,13 +457,13 @@ def roll_pitch_yaw(angles: Numbers) -> Array:
     ])  # fmt: skip
 
 
-def angles_of(R: Array) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of a rotation matrix: the inverse of `roll_pitch_yaw` [rad]."""
-    across = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], across)
-    if across < SQUARE:  # any yaw does
-        return math.atan2(-R[1, 2], R[1, 1]), pitch, 0.0
-    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
+def angles_of(R: Array) -> Numbers:
+    """Return roll, pitch and yaw of a rotation, at any pitch: inverse of `roll_pitch_yaw`."""
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    return roll + 0.0, pitch + 0.0, yaw + 0.0  # without -0.0
 
 
 def euler_parameters(R: Array) -> Array:

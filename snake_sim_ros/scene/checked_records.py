@@ -302,8 +302,8 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
         If a name is unknown or a value not usable.
 
     """
-    # All fields of a record are arguments of its class.
-    names, found = record.__dict__.keys(), dict[str, Any]()
+    given, found = values_of(record), dict[str, Any]()
+    names = given.keys()
     inside: dict[str, dict[str, Any]] = {}
     for dotted, value in settings.items():
         key, dot, rest = dotted.partition('.')
@@ -326,9 +326,14 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
             )
         found[name] = with_values(part, values, f'{prefix}{name}.')
     try:
-        return type(record)(**record.__dict__ | found)
+        return type(record)(**given | found)
     except ParameterError as error:
         raise ParameterError(f'{prefix}{error}') from None
+
+
+def values_of(record: Any) -> dict[str, Any]:
+    """Return the values of a record by name, as its class takes them."""
+    return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
 def nearest(name: Any, names: Any) -> str:

@@ -13,7 +13,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import logging
 import math
 from pathlib import Path
@@ -32,6 +32,7 @@ from snake_sim_ros.scene.checked_records import (
     ParameterError,
     quantity,
     to_mapping,
+    values_of,
     with_values,
 )
 from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping, read_text
@@ -444,7 +445,7 @@ class Robot(CheckedRecord):
             raise ParameterError('a link must have shapes to lie on: all links have none')
         _ = self.chain
 
-    @property
+    @cached_property
     def chain(self) -> Chain:
         """Geometry and masses of the robot; the arrays must not be changed."""
         return _chain_of(self)
@@ -779,7 +780,7 @@ def load_robot(
         return robot
     if str(source).lstrip().startswith('<') or str(source).endswith('.urdf'):
         values = _values_of_urdf(str(source), folder, where)
-        kept = gains.__dict__ if gains else {}
+        kept = values_of(gains) if gains else {}
         robot = from_mapping(Robot, {**kept, 'link_count': len(values['links']), **values}, where)
         return robot
     path = find_file(source, folder, where)

@@ -14,6 +14,7 @@ from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.rotations import (
     about,
     along_link,
+    CONJUGATE,
     FLAT,
     product,
     product_of_numbers,
@@ -105,7 +106,7 @@ def from_own_poses(
 ) -> Array:
     """Return coordinates (..., k, 7) from poses of some links as `own_poses` returns them."""
     turn, place = robot.chain.frame_turn[links], robot.chain.frame_place[links]
-    back = np.broadcast_to(turn * [1.0, -1.0, -1.0, -1.0], orientation.shape)
+    back = np.broadcast_to(turn * CONJUGATE, orientation.shape)
     p = product(orientation, back)
     center = position - np.einsum('...ij,...j->...i', rotation_matrices(p), place)
     return np.concatenate([center, p], axis=-1)
@@ -127,7 +128,7 @@ def pose_of_middle(
 
     """
     place, own = own_poses(robot, q)
-    turn = product(orientation, own[0] * [1.0, -1.0, -1.0, -1.0])
+    turn = product(orientation, own[0] * CONJUGATE)
     middle = q[robot.middle_link]
     arm = rotation_matrices(turn) @ (middle[:3] - place[0])
     return position + arm, product(turn, middle[3:])
@@ -203,7 +204,7 @@ def _chain_coordinates(robot: Robot, angle: Array) -> Array:
     q[0, 3:] = FLAT
     for j, (yaw, pitch) in enumerate(present * angle):
         p = product(product(q[j, 3:], places.inner_turn[j]), about(1, yaw))
-        back = places.outer_turn[j] * [1.0, -1.0, -1.0, -1.0]
+        back = places.outer_turn[j] * CONJUGATE
         q[j + 1, 3:] = product(product(p, about(0, pitch)), back)
         before, after = rotation_matrices(q[j : j + 2, 3:])
         q[j + 1, :3] = q[j, :3] + before @ places.distal[j] - after @ places.proximal[j + 1]

@@ -15,6 +15,7 @@ import numpy as np
 
 from snake_sim_ros.scene.parameters import Array
 
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # of p, times it: the inverse rotation
 FLAT = np.array([0.5, 0.5, 0.5, 0.5])  # e_x^B = e_y^I, e_y^B = e_z^I, e_z^B = e_x^I
 
 

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import Array, Joint, Link, SQUARE
+from snake_sim_ros.scene.chain import angles_of, Array, Joint, Link, SQUARE
 from snake_sim_ros.scene.checked_records import cut, LONGEST_PATH, MOST, ParameterError, quoted
-from snake_sim_ros.scene.gait import Numbers
 from snake_sim_ros.scene.solids import Body, capsule, joined, Meshes, reach, Solid, turned, uniform
 from snake_sim_ros.scene.urdf_elements import Hinge, Part, read
 
@@ -253,15 +252,6 @@ def joint_at(pose: Array, hinge: Hinge, axis: Array, **more: Any) -> Joint:
         axis=tuple(axis.tolist()),
         **more,
     )
-
-
-def angles_of(R: Array) -> Numbers:
-    """Return roll, pitch and yaw of a rotation, at any pitch: inverse of `roll_pitch_yaw`."""
-    yaw = math.atan2(R[1, 0], R[0, 0])
-    c, s = math.cos(yaw), math.sin(yaw)
-    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-    return roll + 0.0, pitch + 0.0, yaw + 0.0  # without -0.0
 
 
 def limits_of(joints: list[tuple[Hinge, ...]], remarks: list[str]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_links, first_peg
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.rotations import product, rotation_matrices
+from snake_sim_ros.scene.rotations import CONJUGATE, product, rotation_matrices
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.levels import what_does_not_lie
 from snake_sim_ros.stepping.sampling import begun_samples, Keep, trajectory_of
@@ -29,7 +29,6 @@ from snake_sim_ros.stepping.trajectory import Trajectory
 # takes as long as some 20 of these to begin.
 MOST_SINGLE = 20
 INSIDE = 1e-6  # how far a link may be inside something, as where it lies [m]
-CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def controlled(

@@ -29,7 +29,7 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, gaps, joint_angles
-from snake_sim_ros.scene.rotations import about, product, rotation_matrices
+from snake_sim_ros.scene.rotations import about, CONJUGATE, product, rotation_matrices
 from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.bdf2 import step as bdf2
@@ -53,7 +53,6 @@ FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where t
 OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
 LOST = 1e3  # residual of a segment whose simulation diverges, in units of the noise
-CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)

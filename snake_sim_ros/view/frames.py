@@ -16,7 +16,7 @@ import numpy as np
 from snake_sim_ros.scene.chain import Capsules
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import chain_coordinates, gaps, pose_of_middle
-from snake_sim_ros.scene.rotations import about, FLAT, product, rotation_matrices
+from snake_sim_ros.scene.rotations import about, CONJUGATE, FLAT, product, rotation_matrices
 
 PLOTTED_TIME = 10.0  # s, length of the time that plots show
 TRACE_PERIOD = 0.025  # s between two samples that are plotted
@@ -114,13 +114,13 @@ def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Arra
     middle, center = q[robot.middle_link].copy(), q[:, :3].mean(axis=0)
     if base is not None and robot.links:
         place, turned = pose_of_middle(robot, q, *base)
-        turn = product(turned, middle[3:] * [1.0, -1.0, -1.0, -1.0])
+        turn = product(turned, middle[3:] * CONJUGATE)
         fixed = middle[:3]
     elif base is None:
         along = q[-1, :2] - q[0, :2]
         turn, place, fixed = about(2, -math.atan2(along[1], along[0])), np.zeros(3), center
     else:
-        inverse = middle[3:] * [1.0, -1.0, -1.0, -1.0]
+        inverse = middle[3:] * CONJUGATE
         turn = product(product(product(base[1], about(2, math.pi)), FLAT), inverse)
         place, fixed = base[0], middle[:3]
     q[:, :3] = place + (q[:, :3] - fixed) @ rotation_matrices(turn).T

@@ -74,7 +74,7 @@ from snake_sim_ros.dynamics.force_directions import (
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.rotations import cross, H_bar, product, rotation_matrices
+from snake_sim_ros.scene.rotations import CONJUGATE, cross, H_bar, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.events import DEEP, RESTING_GAP
 from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Motion
@@ -110,7 +110,7 @@ def recognized(robot: Robot, state: State, memory: Bdf2Memory) -> Bdf2Memory:
 def coordinates(robot: Robot, pose: Array, angle: Array) -> Array:
     """Return q (n, 7) of links with a pose (7,), as in `Motion`, and joint angles (n-1, 2)."""
     q, root = posture.chain_coordinates(robot, angle), robot.link_count // 2
-    turn = product(pose[3:], q[root, 3:] * [1.0, -1.0, -1.0, -1.0])
+    turn = product(pose[3:], q[root, 3:] * CONJUGATE)
     q[:, 3:] = product(turn, q[:, 3:])
     q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
     q[:, :3] += pose[:3] - posture.center_of_mass(robot, q)

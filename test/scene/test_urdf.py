@@ -31,12 +31,12 @@ from urdf_texts import (
 )
 
 from snake_sim_ros import Robot
-from snake_sim_ros.scene.chain import roll_pitch_yaw
+from snake_sim_ros.scene.chain import angles_of, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.files import CONFIG, read_mapping
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.urdf import angles_of, robot_of_urdf
+from snake_sim_ros.scene.urdf import robot_of_urdf
 
 pytestmark = pytest.mark.fast
 

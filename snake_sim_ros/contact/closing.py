@@ -27,7 +27,7 @@ from snake_sim_ros.contact.linear_problem import solve_linear
 from snake_sim_ros.contact.newton import Operator
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
 from snake_sim_ros.dynamics.kinematics import keep_coordinates
@@ -171,7 +171,7 @@ class StepModel(Protocol):
     def drift_correction(self) -> int: ...  # noqa: D102
 
 
-@merged
+@inlined
 def close_step(
     model: StepModel, center: Array, problem: Problem, furthest: Array, q: Array, q_before: Array
 ) -> float:
@@ -275,7 +275,7 @@ def gaps_to_close(
     return to_close, worst
 
 
-@merged
+@inlined
 def close_gaps(operator: Operator, problem: Problem, h: float) -> None:
     """
     Fill the twists of the chain with those that close the end gaps of contacts in a time h [s].

@@ -23,7 +23,7 @@ import numpy as np
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.dynamics.articulated_body import Chain, solve_chain
-from snake_sim_ros.dynamics.compilation import compiled, four, inlined, merged, Packs, pair
+from snake_sim_ros.dynamics.compilation import compiled, four, inlined, Packs, pair
 from snake_sim_ros.dynamics.free_chain import (
     factor_free,
     fold_wrench,
@@ -147,7 +147,7 @@ def condensed_velocities(
             solution.gamma[a, j] = packed[newton.row[a] + j]
 
 
-@merged
+@inlined
 def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: Delassus) -> None:
     """Fill ``delassus.system`` with the matrix 1 + S G, and S gamma_free beside it."""
     newton = contacts.newton
@@ -174,7 +174,7 @@ def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: De
         B[row, row] += 1.0
 
 
-@merged
+@inlined
 def eliminate(B: Array, rows: int) -> None:
     """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
     for k in range(rows):

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import (
     carried_in,
     carried_part,
@@ -196,7 +196,7 @@ def find_contacts(
     return find_obstacle_contacts(obstacles, tolerance, robot, pose, found)
 
 
-@merged
+@inlined
 def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: Found) -> int:
     """
     Fill the closed contacts with a flat floor; return how many they are.
@@ -232,7 +232,7 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
     return count
 
 
-@merged
+@inlined
 def find_obstacle_contacts(
     obstacles: Obstacles, tolerance: float, robot: Mechanism, pose: Pose, found: Found
 ) -> int:
@@ -279,7 +279,7 @@ def end_of_capsules(capsules: Capsules, begin: int, i: int) -> int:
     return end
 
 
-@merged
+@inlined
 def find_peg_contacts(
     obstacles: Obstacles,
     tolerance: float,
@@ -427,7 +427,7 @@ def peg_contact(
     return arm, distance, 1.0, 0.0
 
 
-@merged
+@inlined
 def find_pair_contacts(
     a: int, tolerance: float, robot: Mechanism, pose: Pose, found: Found, count: int
 ) -> int:
@@ -524,7 +524,7 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     return obstacle_penetration(obstacles, robot, q)
 
 
-@merged
+@inlined
 def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> float:
     """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
     spheres, lowest = robot.spheres, 0.0
@@ -600,7 +600,7 @@ def gap_at(
     return obstacle_gap(obstacles, robot, q, contacts, a)
 
 
-@merged
+@inlined
 def obstacle_gap(
     obstacles: Obstacles, robot: Mechanism, q: Array, contacts: Contacts, a: int
 ) -> float:

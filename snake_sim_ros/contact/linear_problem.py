@@ -56,7 +56,7 @@ from snake_sim_ros.dynamics.articulated_body import (
     reset_chain,
     solve_residual,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Six
 from snake_sim_ros.scene.parameters import Array
 
@@ -65,7 +65,7 @@ FAR = 1e-4  # a solution that is farther from the trial velocities is not correc
 SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
-@merged
+@inlined
 def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
     """
     Fill the linear laws of the closed contacts, about their trial velocities.
@@ -195,7 +195,7 @@ def disc_law(
     return radius * d_x, radius * d_y, S_xx, S_xy, S_yy, d_x, d_y
 
 
-@merged
+@inlined
 def linear_impulses(closed: Array, contacts: Contacts, rolling: bool) -> None:
     """
     Fill the impulses of the linear laws at the velocities of the contacts.
@@ -261,7 +261,7 @@ def add_laws(
             add_rolling_law(contacts, a, wrench, inertia, i)
 
 
-@merged
+@inlined
 def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """
     Add the impulse ``P_0 - S gamma`` of contact a, normal and sliding, to link i.
@@ -310,7 +310,7 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
         inertia[i, k, 5] += a_z
 
 
-@merged
+@inlined
 def add_rolling_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: int) -> None:
     """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
     geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
@@ -517,7 +517,7 @@ class Bound(NamedTuple):
     normal: int  # number of the unknown that is this impulse, -1 if the radius is held
 
 
-@merged
+@inlined
 def reduce_disc(
     disc: Disc, contacts: Contacts, a: int, bound: Bound, count: int, reduced: Reduced
 ) -> int:
@@ -721,7 +721,7 @@ def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bo
     return solve_linear(problem, always)
 
 
-@merged
+@inlined
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem

@@ -55,7 +55,7 @@ from snake_sim_ros.contact.linear_problem import (
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array, Scene
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
@@ -375,7 +375,7 @@ def refines(
     return residual, correction, not corrections_end(correction, before, wrong)
 
 
-@merged
+@inlined
 def iterate_laws(
     problem: Problem,
     tolerance: float,
@@ -442,7 +442,7 @@ def iterate_laws(
     return iterations, residual, printed, exact and not (goes_on and iterations < steps)
 
 
-@merged
+@inlined
 def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
@@ -633,7 +633,7 @@ def condense_anew(operator: Operator, problem: Problem) -> None:
     prepare_contacts(operator, problem)
 
 
-@merged
+@inlined
 def solve_prepared(
     operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:

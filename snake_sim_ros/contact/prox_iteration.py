@@ -19,7 +19,7 @@ from snake_sim_ros.contact.laws import (
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 
 # A contact problem with more impulse components is not condensed: it would not pay.
@@ -47,7 +47,7 @@ def forget_open(closed: Array, contacts: Contacts, impulse: Array) -> None:
         newton.is_closed[a] = 0
 
 
-@merged
+@inlined
 def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) -> float:
     """
     Fill `impulse` with one projection of the impulses in the table, eqs. (87)-(89).

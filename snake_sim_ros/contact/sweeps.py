@@ -15,7 +15,7 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
 from snake_sim_ros.contact.laws import Disc, grip, Laws, prox_half_line, rolling_disc, sliding_disc
 from snake_sim_ros.contact.problem import ContactHistory
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -67,7 +67,7 @@ def set_impulse(sweep: Sweep, column: int, a: int, j: int, P: float) -> None:
             sweep.gamma[row] += sweep.G[column, row] * change
 
 
-@merged
+@inlined
 def predict(laws: Laws, closed: Array, contacts: Contacts, history: ContactHistory) -> None:
     """
     Fill trial velocities and anchors: impulses and velocities continue to change as they did.
@@ -176,7 +176,7 @@ def project_scaled(disc: Disc, sweep: Sweep, k: int, a: int, radius: float) -> b
     return length <= radius
 
 
-@merged
+@inlined
 def remember(closed: Array, contacts: Contacts, history: ContactHistory) -> None:
     """
     Fill the history with impulses, velocities and changes of the closed contacts, 0 for open ones.

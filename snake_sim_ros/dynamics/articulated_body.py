@@ -25,7 +25,7 @@ of the joint between both, and A the articulated inertia of everything from the 
 
 from typing import Any, NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import (
     add,
     add_reduced,
@@ -176,7 +176,7 @@ def correct_chain(chain: Chain) -> float:
     return largest
 
 
-@merged
+@inlined
 def find_residual(chain: Chain) -> None:
     """
     Fill wrenches and residual torques with what the twists leave of the balance of momentum.

@@ -7,7 +7,7 @@ O is the center of the middle link; twists, wrenches and inertias are in axes of
 """
 
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import ControlMemory, held_torque, pd_law
 from snake_sim_ros.dynamics.kinematics import JointFrames
 from snake_sim_ros.dynamics.mechanism import Mechanism
@@ -15,7 +15,7 @@ from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 
 
-@merged
+@inlined
 def control_impulses(
     robot: Mechanism,
     dt: float,

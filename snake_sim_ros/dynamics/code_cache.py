@@ -40,6 +40,7 @@ from numba.core.caching import (
 )
 import numpy as np
 
+from snake_sim_ros.dynamics.linked_code import is_linked, load_linked
 from snake_sim_ros.scene import PACKAGE
 
 # Folders of all modules with compiled functions, and of the modules that these import.
@@ -233,6 +234,12 @@ class _Form(CompileResultCacheImpl):  # type: ignore[misc]
     def reduce(self, data: Any) -> tuple[Any, ...]:
         """Return what is kept of compiled code, without its text, which names a folder."""
         return tuple('' if isinstance(part, str) else part for part in super().reduce(data))
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Return compiled code from what is kept of it."""
+        if is_linked(payload):
+            return load_linked(target_context, payload)
+        return super().rebuild(target_context, payload)
 
 
 class CodeCache(FunctionCache):  # type: ignore[misc]

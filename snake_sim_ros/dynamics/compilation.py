@@ -27,6 +27,7 @@ except ImportError as error:
 import numpy as np
 
 from snake_sim_ros.dynamics import code_cache
+from snake_sim_ros.dynamics.linked_code import LinkedCompiler
 
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
 # Others have no counter of cycles that a program may read: on ARM the instruction may end it.
@@ -58,23 +59,11 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Return `function` compiled into its callers, which are compiled functions; see `compiled`.
 
     A call copies the headers of all array arguments, which often costs more than the work itself.
-    The function has no entry from Python: only compiled functions can call it.
+    The function has no entry from Python: only compiled functions can call it, see `linked_code`.
     """
-    return _compiled(function, forceinline=True, no_cpython_wrapper=True)
-
-
-def merged(function: Callable[..., Any]) -> Callable[..., Any]:
-    """
-    Return `function` merged into its callers, compiled functions, before types are inferred.
-
-    Results are the same to the last bit. A function with a compiled form of its own is optimized
-    once alone, and once more in each function around it, level after level. Merging pays for a
-    function that is called in one place, or in one place of each method, but must be measured: it
-    makes steps of `bdf2` 20 percent faster, while those of `newton` would be 2 percent slower if
-    `solve_contacts` and similar functions were merged. Functions with branches for None must be
-    `inlined`, because branches are not left out of merged ones.
-    """
-    return _compiled(function, inline='always')
+    return _compiled(
+        function, forceinline=True, no_cpython_wrapper=True, pipeline_class=LinkedCompiler
+    )
 
 
 class Dispatched:
@@ -156,7 +145,7 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
     wrapper: Callable[..., Any] = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
-    if COMPILES and (code_cache.FOLDER or code_cache.SHIPPED_FOLDER) and 'inline' not in options:
+    if COMPILES and (code_cache.FOLDER or code_cache.SHIPPED_FOLDER):
         # As `enable_caching` of the wrapper does with the cache of Numba.
         vars(wrapper)['_cache'] = code_cache.CodeCache(function)
     return wrapper

@@ -15,7 +15,7 @@ joints: an angle at its stop does not grow in a step.
 
 import math
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import (
     axis_x,
     axis_y,
@@ -189,7 +189,7 @@ def close_joints(rule: int, places: JointPlaces, mass: Array, furthest: Array, q
             q[i, 2] -= moment_z / mass_sum
 
 
-@merged
+@inlined
 def square_axes(q: Array, i: int, a: Three, b: Three) -> None:
     """
     Turn link i until its unit vector b is at right angles to the unit vector a; both are in I.

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_drift import furthest_angle
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
@@ -254,7 +254,7 @@ def begin_axis_impact(
     return first_law(laws.inertia, axes, j, k)
 
 
-@merged
+@inlined
 def begin_joint_laws(
     robot: Any, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array], q: Array
 ) -> None:

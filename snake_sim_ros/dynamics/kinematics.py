@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, merged, Pack, pair
+from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, Pack, pair
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import JointPlaces, Spheres
 from snake_sim_ros.scene.parameters import Array
@@ -192,7 +192,7 @@ def joint_coordinates(frames: JointFrames, omega: Array, coordinate: Array) -> N
         coordinate[j, 1, 0], coordinate[j, 1, 1] = angle[1], pitch_rate
 
 
-@merged
+@inlined
 def angles(y: Pack, x: Pack) -> Pack:
     """
     Return ``atan2(y, x)`` of two pairs of numbers to two units in the last place.
@@ -509,7 +509,7 @@ def sphere_height(spheres: Spheres, q: Array, a: int) -> float:
     return q[i, 2] + arm[2] - spheres.radius[a]
 
 
-@merged
+@inlined
 def floor_penetration(spheres: Spheres, q: Array) -> float:
     """Return how deep the lowest contact sphere is below the floor [m], 0 if it is not."""
     lowest = 0.0
@@ -518,7 +518,7 @@ def floor_penetration(spheres: Spheres, q: Array) -> float:
     return -lowest
 
 
-@merged
+@inlined
 def lies_flat_and_still(spheres: Spheres, q: Array, u: Array, omega: Array) -> bool:
     """
     Return whether every link is on the floor, is not rolled, and moves in the plane only.

@@ -9,7 +9,7 @@ chain; see `compilation.pair`. A symmetric matrix is the upper half of a 6x6 mat
 
 from typing import Any
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged, Pack, Packs, pair
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Pack, Packs, pair
 from snake_sim_ros.scene.parameters import Array
 
 Three = tuple[float, float, float]
@@ -115,7 +115,7 @@ def of_first_arm(w: Packs) -> Packs:
 # ---- matrices ----
 
 
-@merged
+@inlined
 def rows_of(A: Array) -> Rows:
     """Return the six rows of A as tuples."""
     return (
@@ -137,7 +137,7 @@ def combine_rows(s: Six, A: Rows) -> Six:
     )
 
 
-@merged
+@inlined
 def add_reduced(A: Array, rows: Rows, x: Six, b: Six, y: Six, c: Six) -> None:
     """Add to A the matrix with the given rows, minus x b^T and y c^T."""
     for i in range(6):

@@ -48,11 +48,7 @@ def function_counts(scene: Scene, level: str) -> dict[str, int]:
     stepper = one_level(scene, level)
     found: dict[Any, set[Any]] = {}
     _within(stepper.loop.func, stepper.loop.first, found)
-    return {
-        function.py_func.__name__: len(inside)
-        for function, inside in found.items()
-        if function.targetoptions.get('inline') != 'always'
-    }
+    return {function.py_func.__name__: len(inside) for function, inside in found.items()}
 
 
 def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:

@@ -9,7 +9,7 @@ from typing import Any, cast, NamedTuple, TypeVar
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import merged
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, same_contacts
@@ -77,7 +77,7 @@ class History(NamedTuple):
     memory: Any = None
 
 
-@merged
+@inlined
 def without_memory(history: History) -> History:
     """
     Return the history without the memory of the method, as the contact solvers take it.

@@ -24,7 +24,7 @@ from snake_sim_ros.contact.detection import find_contacts, Found, gap_at, Pose
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
 from snake_sim_ros.contact.newton import condense_anew
 from snake_sim_ros.contact.problem import Problem
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import chain_coordinates, link_frames
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.motion import (
@@ -175,7 +175,7 @@ class Ending(NamedTuple):
     was_deep: bool  # whether a contact was deep in an obstacle at its start
 
 
-@merged
+@inlined
 def place_end(
     model: Model,
     own: Bdf2Arrays,

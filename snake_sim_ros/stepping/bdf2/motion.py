@@ -15,7 +15,7 @@ import numpy as np
 
 from snake_sim_ros.contact.detection import penetration
 from snake_sim_ros.dynamics.balance import joint_rates
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_drift import joint_violation_rate
 from snake_sim_ros.dynamics.kinematics import (
     chain_coordinates,
@@ -66,7 +66,7 @@ def keep(motion: Motion, to: Motion) -> None:
             to.u[i, k] = motion.u[i, k]
 
 
-@merged
+@inlined
 def formula(
     mass: Array, dt: float, memory: 'Bdf2Memory', own: 'Bdf2Arrays'
 ) -> tuple[float, float]:
@@ -115,7 +115,7 @@ def advance_pose(h: float, mass: Array, at: Array, u: Array, pose: Array) -> Non
         pose[3 + k] += e[k] - p[k]
 
 
-@merged
+@inlined
 def reach_end(h_q: float, mass: Array, pose: Array, hat: Motion, motion: Motion) -> None:
     """
     Fill pose and angles of a motion with ``hat + h F u``, by its rates and its middle link.
@@ -134,7 +134,7 @@ def reach_end(h_q: float, mass: Array, pose: Array, hat: Motion, motion: Motion)
             motion.angle[j, k] = hat.angle[j, k] + h_q * motion.rate[j, k]
 
 
-@merged
+@inlined
 def predict_end(
     model: Model, h_q: float, memory: 'Bdf2Memory', own: 'Bdf2Arrays', work: Workspace
 ) -> None:

@@ -56,7 +56,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
@@ -139,7 +139,7 @@ MOST_CLOSINGS = 3
 IMPLICIT_SCHEMES = ('average', 'end')
 
 
-@merged
+@inlined
 def begin_axes(
     laws: JointLaws, own: Bdf2Arrays, work: Workspace, angle: Array, h: float, h_q: float
 ) -> None:
@@ -217,7 +217,7 @@ class Terms(NamedTuple):
     most: int  # iterations that the report is to have after the part
 
 
-@merged
+@inlined
 def begin_part(
     model: Model, own: Bdf2Arrays, work: Workspace, terms: Terms, history: History
 ) -> Problem:
@@ -338,7 +338,7 @@ class Part(NamedTuple):
     depth: float  # penetration at its end [m]
 
 
-@merged
+@inlined
 def one_part(own: Bdf2Arrays, model: Model, work: Workspace, task: Task, steps: Steps) -> Part:
     """Return the `Part` that solves a task, with the references in own.end_angle."""
     report, history = steps.report[0], steps.history
@@ -363,7 +363,7 @@ def one_part(own: Bdf2Arrays, model: Model, work: Workspace, task: Task, steps: 
     return Part(is_small, found, h, depth)
 
 
-@merged
+@inlined
 def take_part(
     own: Bdf2Arrays, model: Model, work: Workspace, dt: float, part: Part, steps: Steps
 ) -> None:
@@ -388,7 +388,7 @@ def take_part(
     report.penetration_max = max(report.penetration_max, part.depth)
 
 
-@merged
+@inlined
 def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int) -> bool:
     """Take step k in parts; return whether the loop continues."""
     report, memory = steps.report[0], steps.history.memory

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
@@ -152,7 +152,7 @@ def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
             to.u[i, k] = motion.u[i, k]
 
 
-@merged
+@inlined
 def recognize_in_plane(
     model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array, memory: PlanarBdf2Memory
 ) -> None:
@@ -168,7 +168,7 @@ def recognize_in_plane(
     memory.ticks[0] = 0.0
 
 
-@merged
+@inlined
 def starts_anew(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> bool:
     """Return whether the velocities of a given state satisfy the joints and the floor."""
     for i in range(len(u)):
@@ -186,7 +186,7 @@ def starts_anew(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -
     return fastest <= CONSISTENT_SPEED
 
 
-@merged
+@inlined
 def planar_formula(
     model: PlanarModel, dt: float, memory: PlanarBdf2Memory, own: PlanarBdf2Arrays
 ) -> tuple[float, float]:
@@ -224,7 +224,7 @@ def move_planar(model: PlanarModel, h: float, u: Array, motion: PlanarMotion) ->
         motion.pose[1] += h * model.share[i] * u[i, 1]
 
 
-@merged
+@inlined
 def predict_loads(
     h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: History
 ) -> None:
@@ -244,7 +244,7 @@ def predict_loads(
         history.change[a, 2] *= ratio
 
 
-@merged
+@inlined
 def begin_planar_part(
     model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Any, h: float,
     h_q: float,
@@ -295,7 +295,7 @@ class PlanarPart(NamedTuple):
     meets: bool  # whether a joint meets its stop
 
 
-@merged
+@inlined
 def planar_part(
     own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, task: Task, steps: Steps
 ) -> PlanarPart:
@@ -332,7 +332,7 @@ def planar_part(
     return PlanarPart(outcome, h, h_q, meets)
 
 
-@merged
+@inlined
 def take_planar(
     own: PlanarBdf2Arrays,
     model: PlanarModel,
@@ -358,7 +358,7 @@ def take_planar(
     memory.phase[0] = ANEW if part.meets or memory.phase[0] == UNKNOWN else SMOOTH
 
 
-@merged
+@inlined
 def planar_step(
     own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int
 ) -> bool:

@@ -21,7 +21,7 @@ from snake_sim_ros.contact.closing import (
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
@@ -274,7 +274,7 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     work.standing.least_load[0], work.standing.roll[0] = least, roll if tilt > 0.0 else -roll
 
 
-@merged
+@inlined
 def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> int:
     """Fill the contacts with pegs that may close in the step; return their number."""
     n, count, contacts = len(u), 0, work.contacts
@@ -311,7 +311,7 @@ def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Ar
     return count
 
 
-@merged
+@inlined
 def peg_velocities(closed: Array, work: PlanarWorkspace) -> None:
     """Fill the velocities of the contacts with pegs, with their shifts, from work.twist."""
     for a in closed:
@@ -358,7 +358,7 @@ def add_peg_law(
     w[2] += py
 
 
-@merged
+@inlined
 def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Array) -> float:
     """
     Close the gaps of contacts with pegs at the end of a step, as `closing.close_step` does.
@@ -418,7 +418,7 @@ def move_links_in_plane(work: PlanarWorkspace, h: float, q: Array) -> None:
     q[1] += h * (twist[0, 2] + twist[0, 0] * center[0, 0])
 
 
-@merged
+@inlined
 def peg_gaps(model: PlanarModel, contacts: Contacts, q: Array) -> float:
     """Fill the end gaps of all contacts with pegs; return the largest penetration [m]."""
     deepest = x = y = reach_x = reach_y = 0.0

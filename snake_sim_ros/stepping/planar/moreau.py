@@ -34,7 +34,7 @@ from typing import Any
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
@@ -73,7 +73,7 @@ from snake_sim_ros.stepping.steps import (
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
 
-@merged
+@inlined
 def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> None:
     """Begin a step of the paper from q and u with the laws of the yaw joints."""
     laws, axes, dt = model.joint_laws, work.axes, model.dt
@@ -88,7 +88,7 @@ def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array
         first_yaw_law(model, work, j)
 
 
-@merged
+@inlined
 def begin_predicted_yaw_axes(
     model: PlanarModel,
     work: PlanarWorkspace,
@@ -252,7 +252,7 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     return True
 
 
-@merged
+@inlined
 def slips_too_far(model: PlanarModel, work: PlanarWorkspace, memory: PlanarMemory) -> bool:
     """
     Return whether contacts slip too far by rolling; if not, add slip and way to the memory.

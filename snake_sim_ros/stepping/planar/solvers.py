@@ -43,7 +43,7 @@ from snake_sim_ros.contact.newton import (
 )
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.contact.prox_iteration import copy_impulses
-from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
@@ -122,7 +122,7 @@ def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None
         newton.trial[a, 2] = y if known else solution.gamma[a, 2]
 
 
-@merged
+@inlined
 def remember_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
     solution, newton = contacts.solution, contacts.newton
@@ -183,7 +183,7 @@ def sliding_law(
     return P_x, P_y, S_xx, S_xy, S_yy
 
 
-@merged
+@inlined
 def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> None:
     """
     Fill wrenches and inertias of the links with their loads and the linear laws of sliding.
@@ -221,7 +221,7 @@ def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> 
         chain.wrench[i, 0], chain.wrench[i, 1], chain.wrench[i, 2] = w0, w1, w2
 
 
-@merged
+@inlined
 def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool) -> None:
     """Add the linear laws of contacts with pegs, as `add_sliding_laws` adds those of the floor."""
     laws, contacts, chain = model.laws, work.contacts, work.chain
@@ -295,7 +295,7 @@ def residual_in_plane(model: PlanarModel, closed: Array, contacts: Contacts) -> 
     return residual
 
 
-@merged
+@inlined
 def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> None:
     """
     Fill the radii with loads that fit friction better than the last ones.
@@ -318,7 +318,7 @@ def settle_loads(model: PlanarModel, work: PlanarWorkspace, closed: Array) -> No
         newton.disc_radius[a] = max(0.0, solution.impulse[a, 0])
 
 
-@merged
+@inlined
 def iterate_coupled_in_plane(
     model: PlanarModel, work: PlanarWorkspace, closed: Array, limit: int
 ) -> tuple[int, float]:
@@ -441,7 +441,7 @@ def solve_planar_contacts(
     return Outcome(iterations, converged, residual, residual, rounds > 0)
 
 
-@merged
+@inlined
 def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> float:
     """Fill impulse as `contact.prox_iteration.prox_sweep` does, for known loads."""
     laws, contacts = model.laws, work.contacts
@@ -460,7 +460,7 @@ def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> 
     return math.sqrt(normal) + math.sqrt(sliding)
 
 
-@merged
+@inlined
 def project_in_plane(
     model: PlanarModel, work: PlanarWorkspace, impulse: Array, limit: int
 ) -> Outcome:

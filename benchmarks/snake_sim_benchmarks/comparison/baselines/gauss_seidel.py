@@ -39,7 +39,7 @@ from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.methods import METHODS, paper_method
 
@@ -47,7 +47,7 @@ SWEEPS = 100  # sweeps between two tries of Newton's method
 NEWTON_ITERATIONS = 20  # of one try, at most
 
 
-@merged
+@inlined
 def sweep_contacts(
     laws: Laws, closed: Array, width: int, contacts: Contacts, delassus: Delassus, impulse: Array
 ) -> None:

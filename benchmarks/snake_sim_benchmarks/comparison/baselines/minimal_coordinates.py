@@ -18,15 +18,9 @@ from snake_sim_benchmarks.comparison.baselines.penalty import penalty_forces, Pe
 from snake_sim_ros.contact.delassus import fill_wrenches
 from snake_sim_ros.contact.detection import find_contacts, Found, penetration, Pose
 from snake_sim_ros.contact.directions import contact_velocities
-from snake_sim_ros.dynamics.articulated_body import (
-    Chain,
-    factor_chain,
-    reset_chain,
-    row_of,
-    solve_chain,
-)
+from snake_sim_ros.dynamics.articulated_body import Chain, factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.balance import link_inertia, smooth_momentum
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import (
     chain_geometry,
     end_velocities,
@@ -35,6 +29,7 @@ from snake_sim_ros.dynamics.kinematics import (
     turned_about_x,
     turned_about_y,
 )
+from snake_sim_ros.dynamics.spatial_vectors import row_of
 from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.gait import soft_start, wave
 from snake_sim_ros.scene.parameters import Array
@@ -87,7 +82,7 @@ def place_links(places: JointPlaces, y: Array, work: Workspace) -> None:
             q[i, k] = y[k] + work.center[i, k]
 
 
-@merged
+@inlined
 def add_moved_axis(twist: Numbers, axis: Numbers, rate: float, acceleration: Array) -> None:
     """Add the acceleration of a joint axis that moves with a link, for its rate [rad/s]."""
     wx, wy, wz, vx, vy, vz = twist
@@ -135,7 +130,7 @@ def move_links(y: Array, work: Workspace, u_links: Array) -> None:
     end_velocities(chain.twist, R, work.center, u_links)
 
 
-@merged
+@inlined
 def balance(model: Model, work: Workspace, motion: LinkVelocities) -> None:
     """
     Fill the wrenches of gravity and inertia, in place of momenta, for zero joint accelerations.
@@ -157,7 +152,7 @@ def balance(model: Model, work: Workspace, motion: LinkVelocities) -> None:
     link_inertia(model.robot, work.R, work.center, work.chain.bare)
 
 
-@merged
+@inlined
 def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -> float:
     """Fill the torques of the joint controllers [N m]; return their power [W]."""
     begin, power = rates_begin(len(torque) + 1) + 6, 0.0
@@ -172,14 +167,14 @@ def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -
     return power
 
 
-@merged
+@inlined
 def carried_acceleration(twist: Numbers) -> Numbers:
     """Return omega x v of the link whose center is O, and zero angular acceleration."""
     wx, wy, wz, vx, vy, vz = twist
     return wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx, 0.0, 0.0, 0.0
 
 
-@merged
+@inlined
 def rate_of_change(
     model: Model,
     law: PenaltyLaw,

@@ -17,7 +17,7 @@ from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, sliding_disc
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
-from snake_sim_ros.dynamics.compilation import compiled, inlined, merged
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 
 BOUND = 1e9  # natural_map may return bounds up to this, since no iteration stops by them [m/s]
@@ -32,7 +32,7 @@ class PenaltyLaw(NamedTuple):
     damping_ratio: float
 
 
-@merged
+@inlined
 def share_over_speed(rational: bool, s: float) -> float:
     """Return phi(s)/s: the share of Coulomb friction that acts, over the sliding velocity s."""
     if rational:
@@ -71,7 +71,7 @@ def penalty_forces(
         solution.impulse[a, 3] = solution.impulse[a, 4] = 0.0
 
 
-@merged
+@inlined
 def make_impulses(dt: float, closed: Array, contacts: Contacts, impulse: Array) -> None:
     """Multiply the forces of the table by dt [s], and copy them to `impulse`, (contacts, 5)."""
     impulse[:] = 0.0

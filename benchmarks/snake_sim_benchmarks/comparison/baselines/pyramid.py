@@ -25,7 +25,7 @@ from snake_sim_ros.contact.laws import grip, Laws, natural_map, prox_half_line, 
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
-from snake_sim_ros.dynamics.compilation import inlined, merged
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -35,7 +35,7 @@ def clipped(P: float, bound: float) -> float:
     return min(max(P, -bound), bound)
 
 
-@merged
+@inlined
 def sweep_pyramid(
     laws: Laws, closed: Array, contacts: Contacts, delassus: Delassus, impulse: Array
 ) -> None:
@@ -53,7 +53,7 @@ def sweep_pyramid(
         set_impulse(sweep, row + 2, a, 2, clipped(y, disc.mu_y * radius))
 
 
-@merged
+@inlined
 def pyramid_map(laws: Laws, closed: Array, contacts: Contacts) -> float:
     """Return ``max |P - prox(P - r gamma)|/r`` of the pyramid, with the selection rule [m/s]."""
     solution = contacts.solution

@@ -9,6 +9,7 @@ neither: it is optimized once, within the function that Python calls. That takes
 time. The inside of Numba is needed for it, but only its libraries of code: `CPUCodeLibrary`.
 """
 
+import ctypes
 from typing import Any
 
 from llvmlite.binding import parse_bitcode
@@ -16,6 +17,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 
 LINKED = 'linked'  # kind of such code in the cache, as 'object' and 'bitcode' of Numba
+# A function of the interpreter that raises a TypeError, whatever its arguments.
+NOT_CALLABLE = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value or 0
 
 
 class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -29,9 +32,9 @@ class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return 0: there is no function to call."""
+        """Return what Python calls: there is no such function, which it says as a TypeError."""
         self._ensure_finalized()
-        return 0
+        return NOT_CALLABLE
 
     @property
     def codegen(self) -> Any:

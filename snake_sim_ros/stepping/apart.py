@@ -26,7 +26,7 @@ from snake_sim_ros.stepping.planar import moreau as planar_moreau
 from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
-from snake_sim_ros.stepping.state import initial_state, without_memory
+from snake_sim_ros.stepping.state import initial_state
 from snake_sim_ros.stepping.steps import make_steps, REPORT, Steps
 
 OUTCOME_TYPE = type_of_record(Outcome(0, False, 0.0, 0.0, False))
@@ -75,7 +75,10 @@ def compile_solver(scene: Scene, level: str) -> None:
     """Compile the contact solver as the steps of a level call it."""
     stepper = one_level(scene, level)
     function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
-    model, history = type_of(stepper.model), type_of_record(without_memory(stepper.empty))
+    model, history = (
+        type_of(stepper.model),
+        type_of_record(stepper.empty._replace(control=None, memory=None)),
+    )
     if function is moreau.advance_moreau:
         whole = type_of(stepper.empty)
         compile_call(solve_contacts, type_of(first), _problem(stepper), whole, type_of(1))

@@ -1,0 +1,39 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Functions that only compiled functions call."""
+
+import numpy as np
+import pytest
+
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, inlined
+
+
+@inlined
+def tripled(x: float) -> float:
+    return 3.0 * x
+
+
+@inlined
+def more(x: float) -> float:
+    return tripled(x) + 0.5
+
+
+@compiled
+def total(x):
+    sum_ = 0.0
+    for value in x:
+        sum_ += more(value)
+    return sum_
+
+
+def test_they_are_linked_into_their_callers():
+    assert total(np.array([1.0, 2.0])) == 10.0
+
+
+@pytest.mark.skipif(not COMPILES, reason='nothing is compiled')
+def test_a_call_from_python_is_an_error():
+    with pytest.raises(TypeError):
+        tripled(2.0)
+    total(np.array([1.0]))  # now there is code of it
+    with pytest.raises(TypeError):
+        tripled(2.0)

@@ -51,6 +51,21 @@ class Shape(CheckedRecord):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Mesh(CheckedRecord):
+    """A mesh as which a link is seen; it touches nothing."""
+
+    file: str = quantity('', '', 'file of the mesh')
+    origin: Numbers = quantity(NOWHERE, 'm', 'its origin, in the frame of the link')
+    rotation: Numbers = quantity(NOWHERE, 'rad', 'its roll, pitch and yaw, as in a URDF')
+    scale: Numbers = quantity((1.0, 1.0, 1.0), '1', 'factors of its coordinates')
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        super().__post_init__()
+        _check_lengths(self, origin=3, rotation=3, scale=3)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Link(CheckedRecord):
     """One link of a chain, in a frame of its own choice."""
 
@@ -63,6 +78,9 @@ class Link(CheckedRecord):
         'xx, yy, zz, xy, xz, yz about the center of mass, in axes of the frame',
     )
     shapes: tuple[Shape, ...] = quantity((), '', 'what touches the world')
+    meshes: tuple[Mesh, ...] = quantity(
+        (), '', 'as what the viewer shows it; default: as its shapes'
+    )
     friction: float = quantity(
         1.0, '1', 'factor of all coefficients of friction of this link', minimum=0
     )

@@ -17,6 +17,7 @@ Stiffness and damping belong to the controller and are not part of the URDF.
 """
 
 import math
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -97,7 +98,12 @@ def _add_chain(root: ElementTree.Element, robot: Robot) -> None:
         moments = zip(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), item.inertia, strict=True)
         element(inertial, 'inertia', **dict(moments))
         for shape in item.shapes:
-            _add_capsule(link, color_name(i), shape)
+            _add_capsule(link, '' if item.meshes else color_name(i), shape)
+        for mesh in item.meshes:
+            part = element(link, 'visual')
+            element(part, 'origin', xyz=mesh.origin, rpy=mesh.rotation)
+            file = Path(mesh.file).absolute().as_uri()
+            element(element(part, 'geometry'), 'mesh', filename=file, scale=mesh.scale)
         turn = angles_of(chain.frame[i].T @ TO_WIRE_FRAME)
         element(root, 'link', name=center_frame(robot, i))
         fixed = _join(root, center_frame(robot, i), name, center_frame(robot, i), 0.0)
@@ -129,18 +135,18 @@ def _add_dynamics(joint: ElementTree.Element, robot: Robot, j: int, slot: int) -
 
 
 def _add_capsule(link: ElementTree.Element, color: str, shape: Shape) -> None:
-    """Append a sphere, or a capsule as two spheres and a cylinder, to a link."""
+    """Append a sphere, or a capsule as two spheres and a cylinder; seen if it has a color."""
     start = np.array(shape.start)
     end = start if shape.end is None else np.array(shape.end)
     length = float(np.linalg.norm(end - start))
     for place in (start, end) if length else (start,):
-        for kind in ('visual', 'collision'):
+        for kind in ('visual', 'collision') if color else ('collision',):
             part = element(link, kind)
             element(part, 'origin', xyz=place)
             if kind == 'visual':
                 element(part, 'material', name=color)
             element(element(part, 'geometry'), 'sphere', radius=shape.radius)
-    if length:
+    if length and color:
         x, y, z = (end - start) / length
         rpy = (0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x))
         part = element(link, 'visual')

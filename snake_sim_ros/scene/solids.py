@@ -12,6 +12,7 @@ touches as a sphere.
 import math
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -155,7 +156,7 @@ def path_of(file: str, folder: Path | None) -> Path | None:
     scheme, mark, rest = file.rpartition('://')
     places = []
     if scheme in ('', 'file') and Path(rest).is_absolute():
-        places = [Path(rest)]
+        places = [Path(rest), Path(unquote(rest))]
     elif folder is not None and not mark:
         places = [folder / rest]
     elif folder is not None and scheme in ('package', 'model'):

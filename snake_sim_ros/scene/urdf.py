@@ -15,9 +15,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import angles_of, Array, Joint, Link, SQUARE
+from snake_sim_ros.scene.chain import angles_of, Array, Joint, Link, Mesh, SQUARE
 from snake_sim_ros.scene.checked_records import cut, LONGEST_PATH, MOST, ParameterError, quoted
-from snake_sim_ros.scene.solids import Body, capsule, joined, Meshes, reach, Solid, turned, uniform
+from snake_sim_ros.scene.solids import (
+    Body,
+    capsule,
+    joined,
+    Meshes,
+    path_of,
+    reach,
+    Solid,
+    turned,
+    uniform,
+)
 from snake_sim_ros.scene.urdf_elements import Hinge, Part, read
 
 TOUCHING = 1e-9  # axes that are nearer to each other meet [m]
@@ -105,7 +115,7 @@ def robot_of_urdf(
             chain[0] = at_base(chain, base)
         joints = joints_of(chain)
         size = sum(float(np.linalg.norm(hinge.pose[:3, 3])) for hinge in hinges)
-        bodies = Bodies(Meshes(folder, {}), replace_inertia, size or math.inf, [], [], [])
+        bodies = Bodies(Meshes(folder, {}), replace_inertia, size or math.inf, [], [], [], [])
         links = tuple(bodies.link(rigid) for rigid in chain)
         values = {
             'links': links,
@@ -118,6 +128,8 @@ def robot_of_urdf(
         remarks.append(f'inertia of uniform solids: {some(bodies.replaced)}')
     if bodies.heavy:
         remarks.append(f'masses that no metal has in such a shape: {some(bodies.heavy)}')
+    if bodies.unseen:
+        remarks.append(f'meshes that are not found, and not shown: {some(bodies.unseen)}')
     if bodies.silent:
         remarks.append(f'shapes that touch nothing: {some(bodies.silent)}')
     elif not any(link.shapes for link in links):
@@ -298,6 +310,7 @@ class Bodies(NamedTuple):
     replaced: list[str]  # parts of which that was done
     heavy: list[str]  # masses that cannot be in their shapes
     silent: list[str]  # shapes that touch nothing
+    unseen: list[str]  # meshes that are not found
 
     def link(self, rigid: Rigid) -> Link:
         """Return a link of the robot."""
@@ -313,6 +326,7 @@ class Bodies(NamedTuple):
                 solids, missing = self.known(part)
                 shapes += [capsule(solid, pose) for solid in solids]
                 self.silent.extend(f'of link {rigid.name} {reason}' for reason in missing)
+        meshes = [self.seen(mesh, pose) for part, pose in rigid.parts for mesh in part.meshes]
         try:
             return Link(
                 name=rigid.parts[0][0].name,
@@ -320,6 +334,7 @@ class Bodies(NamedTuple):
                 center_of_mass=tuple(center.tolist()),
                 inertia=tuple(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()),
                 shapes=tuple(shapes),
+                meshes=tuple(mesh for mesh in meshes if mesh),
             )
         except ParameterError as error:
             raise ParameterError(f'link {rigid.name}: {error}') from None
@@ -350,6 +365,20 @@ class Bodies(NamedTuple):
             self.replaced.append(cut(part.name))
             return part.mass, center, turned(pose, part.mass / volume * moments)
         return part.mass, center, turned(at, np.asarray(inertia))
+
+    def seen(self, mesh: Solid, pose: Array) -> Mesh | None:
+        """Return a mesh of a part with its frame in that of its link; None if it is not found."""
+        path, at = path_of(mesh.file, self.meshes.folder), pose @ mesh.pose
+        if path is None:
+            if (name := cut(mesh.file, LONGEST_PATH)) not in self.unseen:
+                self.unseen.append(name)
+            return None
+        return Mesh(
+            file=str(path.resolve()),
+            origin=tuple(at[:3, 3].tolist()),
+            rotation=angles_of(at[:3, :3]),
+            scale=mesh.size,
+        )
 
     def known(self, part: Part) -> tuple[list[Solid], list[str]]:
         """Return the solids of a part, boxes for meshes, and what is not known of others."""

@@ -35,6 +35,7 @@ class Part(NamedTuple):
     inertia: Array | None  # (3, 3) [kg m^2]
     solids: tuple[Solid, ...]  # with what it touches or, without those, as what it is seen
     touches: bool  # whether it is the former
+    meshes: tuple[Solid, ...]  # as which it is seen
 
 
 class Hinge(NamedTuple):
@@ -96,7 +97,9 @@ def part_of(element: Element) -> Part:
                 inertia[i, j] = inertia[j, i] = numbers(moments, key, owner, default=default)[0]
     shapes = element.findall('collision')
     solids = tuple(solid_of(each, owner) for each in shapes or element.findall('visual'))
-    return Part(name, mass, pose, inertia, solids, bool(shapes))
+    seen = [each for each in element.findall('visual') if each.find('geometry/mesh') is not None]
+    meshes = tuple(solid_of(each, owner) for each in seen)
+    return Part(name, mass, pose, inertia, solids, bool(shapes), meshes)
 
 
 def solid_of(element: Element, owner: str) -> Solid:

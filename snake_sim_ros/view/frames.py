@@ -10,10 +10,13 @@ frames B.
 from collections import deque
 from dataclasses import dataclass
 import math
+from typing import Any
+from warnings import warn
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import Capsules
+from snake_sim_ros.scene.chain import Capsules, Mesh, roll_pitch_yaw
+from snake_sim_ros.scene.checked_records import cut, LONGEST_PATH, LONGEST_REASON
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import chain_coordinates, gaps, pose_of_middle
 from snake_sim_ros.scene.rotations import about, CONJUGATE, FLAT, product, rotation_matrices
@@ -200,6 +203,48 @@ def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     along, upward = scale * forces, UPWARD_SCALE * scale * forces
     along[:, 2] = upward[:, :2] = 0.0
     return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
+
+
+def seen_meshes(robot: Robot) -> list[tuple[Array, Array, Array]]:
+    """
+    Return the meshes as which links are seen: their links, vertices (v, 3) [m] and triangles.
+
+    Vertices are in the own frames of the links, see `own_frames`. Each mesh is read once, for all
+    links that have it. One that cannot be read is left out, with a warning.
+    """
+    links: dict[Mesh, list[int]] = {}
+    for i, link in enumerate(robot.links):
+        for mesh in link.meshes:
+            links.setdefault(mesh, []).append(i)
+    read, seen = {file: _read_mesh(file) for file in {mesh.file for mesh in links}}, []
+    for mesh, having in links.items():
+        vertices, faces = read[mesh.file]
+        if len(faces):
+            vertices = vertices * mesh.scale @ roll_pitch_yaw(mesh.rotation).T + mesh.origin
+            seen.append((np.array(having), vertices, faces))
+    return seen
+
+
+def _read_mesh(file: str) -> tuple[Array, Array]:
+    """Return vertices and triangles of a file, none if it cannot be read."""
+    try:
+        import trimesh
+
+        mesh: Any = trimesh.load(file, force='mesh')
+        if not len(mesh.faces):
+            raise ValueError('it has no triangles')
+        return np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)
+    except Exception as error:  # whatever readers of a dozen formats raise, or without trimesh
+        reason = cut(str(error), LONGEST_REASON)
+        warn(f'the mesh {cut(file, LONGEST_PATH)} is not shown: {reason}', stacklevel=3)
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
+
+
+def own_frames(robot: Robot, position: Array, orientation: Array) -> tuple[Array, Array]:
+    """Return origins (n, 3) and Euler parameters (n, 4) of the links' own frames in frame I."""
+    chain = robot.chain
+    place = np.einsum('ijk,ik->ij', rotation_matrices(orientation), chain.frame_place)
+    return position + place, product(orientation, chain.frame_turn)
 
 
 def bodies_of(robot: Robot) -> Capsules:

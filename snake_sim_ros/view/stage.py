@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.robot_description import color_name, COLORS
-from snake_sim_ros.view.frames import arrows, bodies_of, capsule, force_scale, Frame, turned_to
+from snake_sim_ros.view.frames import (
+    arrows,
+    bodies_of,
+    capsule,
+    force_scale,
+    Frame,
+    own_frames,
+    seen_meshes,
+    turned_to,
+)
 
 # Of Okabe and Ito, as in `charts`; red, green and blue.
 FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)
@@ -55,9 +64,12 @@ class Stage:
 
     def show(self, frame: Frame) -> None:
         """Move the robot and its contacts to their places."""
-        for links, mesh in self.links:
-            mesh.batched_positions = frame.position[links].astype(np.float32)
-            mesh.batched_wxyzs = frame.orientation[links].astype(np.float32)
+        centers = frame.position, frame.orientation
+        frames = own_frames(self.robot, *centers) if self.robot.links else centers
+        for links, is_mesh, mesh in self.links:
+            position, orientation = frames if is_mesh else centers
+            mesh.batched_positions = position[links].astype(np.float32)
+            mesh.batched_wxyzs = orientation[links].astype(np.float32)
         along, upward = arrows(frame.points, frame.forces, self.scale)
         self.friction.points = along.astype(np.float32)
         self.normal.points = upward.astype(np.float32)
@@ -73,7 +85,7 @@ class Stage:
 
     def set_see_through(self, on: bool) -> None:
         """Make the links transparent or not, since they hide the contacts below them."""
-        for _, mesh in self.links:
+        for _, _, mesh in self.links:
             mesh.opacity = SEE_THROUGH if on else None
 
     def _add_lights(self) -> None:
@@ -129,16 +141,23 @@ class Stage:
         )
 
     def _add_links(self) -> None:
-        """Add bodies of the same shape as one mesh each."""
+        """Add the meshes of the links, and the bodies of those without; those alike as one."""
+        looks = [(True, *mesh) for mesh in seen_meshes(self.robot)]
+        seen = {i for _, links, _, _ in looks for i in links.tolist()}
         bodies = bodies_of(self.robot)
         shapes = np.column_stack([bodies.radius, bodies.half, bodies.center, bodies.axis])
         kinds, kind = np.unique(shapes, axis=0, return_inverse=True)
-        colors = np.array([color_of(i) for i in range(self.robot.link_count)])
-        self.links = []
         for k, (radius, half, *place) in enumerate(kinds.tolist()):
             links = bodies.link[kind.ravel() == k]
             vertices, faces = capsule(radius or self.size, half)
             vertices = vertices @ turned_to(np.array(place[3:])).T + place[:3]
+            links = links[[i not in seen for i in links.tolist()]]
+            looks.append((False, links, vertices, faces))
+        colors = np.array([color_of(i) for i in range(self.robot.link_count)])
+        self.links = []
+        for k, (is_mesh, links, vertices, faces) in enumerate(looks):
+            if not len(links):
+                continue
             mesh = self.canvas.add_batched_meshes_simple(
                 f'/world/links/{k}',
                 vertices,
@@ -148,7 +167,7 @@ class Stage:
                 batched_colors=linear(colors[links]),
                 lod='off',
             )
-            self.links.append((links, mesh))
+            self.links.append((links, is_mesh, mesh))
 
 
 def linear(color: ArrayLike) -> Array:

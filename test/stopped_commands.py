@@ -12,6 +12,17 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 DEADLINE = 100.0  # s for what a test waits for
+# A metric of rows that take long in a folder with a file `hold`, without keeping a core busy.
+SLOW = """
+from pathlib import Path
+import time
+
+
+def slow(trajectory):
+    if Path('hold').exists():
+        time.sleep(0.1)
+    return 0.0
+"""
 
 
 def wait_for(condition, what):
@@ -28,7 +39,13 @@ def rows_of(journal):
 
 
 def stopped(arguments, folder, journal, *, rows, by=signal.SIGKILL):
-    """Start a command, stop it once its journal has some rows; return its status and prints."""
+    """
+    Start a command, stop it once its journal has some rows; return its status and prints.
+
+    Its rows take long if it has the metric `slow`.
+    """
+    hold = folder / 'hold'
+    hold.touch()
     process = subprocess.Popen(
         [sys.executable, '-m', 'snake_sim_ros.commands', *map(str, arguments)],
         cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -39,6 +56,7 @@ def stopped(arguments, folder, journal, *, rows, by=signal.SIGKILL):
         process.send_signal(by)
         output, errors = process.communicate(timeout=DEADLINE)
     finally:
+        hold.unlink()
         process.kill()
         process.wait()
     return process.returncode, output, errors

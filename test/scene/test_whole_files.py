@@ -59,7 +59,6 @@ OUTPUTS = {
     'run.gif': lambda path: animate(RUN, path),
     'run.mp4': lambda path: animate(RUN, path),
     'run.png': lambda path: chart.draw(RUN, path),
-    'run.svg': lambda path: chart.draw(RUN, path),
     'run.pdf': lambda path: chart.draw(RUN, path),
     'checkpoint.npz': lambda path: checkpoint.write(Simulation(SCENE), path),
     'path.png': lambda path: chart.path_figure(path, '', RUN.time, RUN.position, 0),
@@ -87,9 +86,11 @@ def no_room():
 
 @pytest.fixture
 def drawing_nothing(monkeypatch):
-    """Let pictures of optimizations and fits be empty, for which nothing needs to be found."""
+    """Let pictures be empty, for which nothing needs to be found."""
     for name in ('_draw_growth', '_draw_over_time', '_draw_distribution', '_draw_segments'):
         monkeypatch.setattr(study_chart, name, lambda *_: None)
+    for name in ('_path', '_forces', '_joints'):
+        monkeypatch.setattr(chart, name, lambda *_: None)
 
 
 @pytest.mark.usefixtures('drawing_nothing')

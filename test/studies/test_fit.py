@@ -50,17 +50,23 @@ from snake_sim_ros.studies.replay import (
 )
 
 PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'fit.md').read_text(encoding='utf-8')
-SETTINGS = ReplaySettings(segment=2.0, burn_in=1.5)
-DURATION, RATE = 7.7, 50.0  # s, Hz
+SETTINGS = ReplaySettings(segment=1.0, burn_in=1.5)
+DURATION, RATE = 4.7, 100.0  # s, Hz
+SHORT = {'robot.link_count': 7}  # a robot that takes less time
 BOTH = ['friction.longitudinal', 'friction.transversal']
 ALL = [*BOTH, 'robot.yaw_stiffness']
 
 
-def recording_of(scene, folder):
+def case_a(settings=None):
+    """Return a scene of a few links in lateral undulation."""
+    return with_settings(load_scene('lateral_undulation'), SHORT | (settings or {}))
+
+
+def recording_of(scene, folder, duration=DURATION):
     """Return the bag of a run of a scene, read for a fit."""
     path = folder / 'run.mcap'
     if not path.exists():
-        simulation = replace(with_fit_steps(scene), duration=DURATION)
+        simulation = replace(with_fit_steps(scene), duration=duration)
         trajectory = simulate(simulation, rate=RATE)
         motion = MadeOf(trajectory)
         messages = [*gait_commands(scene, trajectory.time), *state_messages(motion)]
@@ -86,7 +92,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope='module')
 def recording(folder):
     """Return what was recorded of case A, without noise."""
-    return recording_of(load_scene('lateral_undulation'), folder)
+    return recording_of(case_a(), folder)
 
 
 def replay_of(recording, seed=None, **start):
@@ -139,7 +145,7 @@ def test_it_finds_the_exact_truth_without_noise(recording):
 def test_it_finds_viscous_friction_beside_that_of_coulomb(tmp_path):
     names = ['friction.viscous_longitudinal', 'friction.viscous_transversal']
     truth = dict(zip(names, [0.3, 1.0], strict=True))
-    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    recording = recording_of(case_a(truth), tmp_path)
     replay = replay_of(recording, **dict(zip(names, [0.6, 0.6], strict=True)))
     exact = fit(replay, unknowns_of(replay.scene, names))
     # As above; viscous friction is a tenth of all friction here.
@@ -149,7 +155,7 @@ def test_it_finds_viscous_friction_beside_that_of_coulomb(tmp_path):
 
 def test_it_finds_how_friction_falls_with_speed(tmp_path):
     truth = {'friction.kinetic_ratio': 0.6, 'friction.stribeck_speed': 0.02}
-    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    recording = recording_of(case_a(truth), tmp_path)
     replay = replay_of(recording, **{**truth, 'friction.kinetic_ratio': 0.9})
     exact = fit(replay, unknowns_of(replay.scene, ['friction.kinetic_ratio']))
     assert exact.values == pytest.approx([0.6], rel=1e-2)
@@ -158,7 +164,7 @@ def test_it_finds_how_friction_falls_with_speed(tmp_path):
 
 @pytest.mark.parametrize('start', [0.0, 0.01])
 def test_a_delay_of_commands_need_not_be_a_multiple_of_the_step(tmp_path, start):
-    scene = with_settings(load_scene('lateral_undulation'), {'robot.command_delay': 0.03})
+    scene = case_a({'robot.command_delay': 0.03})
     recording = recording_of(with_settings(scene, {'dt': 0.01}), tmp_path)
     replay = replay_of(recording, **{'robot.command_delay': start})
     exact = fit(replay, unknowns_of(replay.scene, [*BOTH, 'robot.command_delay']))
@@ -169,13 +175,14 @@ def test_a_delay_of_commands_need_not_be_a_multiple_of_the_step(tmp_path, start)
 
 
 def test_clocks_that_are_ahead_are_found(recording):
-    ahead = replace(
-        recording, joint_time=recording.joint_time - 0.021, pose_time=recording.pose_time + 0.153
-    )
+    def ahead(poses):
+        times = recording.joint_time - 0.021, recording.pose_time + poses
+        return replace(recording, joint_time=times[0], pose_time=times[1])
+
     # Friction is off by more than half where the clocks are taken for one, and the fit says so.
-    wrong = fit(replay_of(ahead), unknowns_of(recording.scene, BOTH))
+    wrong = fit(replay_of(ahead(0.053)), unknowns_of(recording.scene, BOTH))
     assert abs(wrong.values[0] / 0.1 - 1.0) > 0.5 and judge(wrong).failures
-    replay = with_offsets(replay_of(ahead), {'joints', 'poses'})
+    replay = with_offsets(replay_of(ahead(0.153)), {'joints', 'poses'})
     found = fit(replay, unknowns_of(replay.scene, [*BOTH, *OFFSETS], replay.setup))
     assert found.values == pytest.approx([0.1, 0.5, -0.021, 0.153], rel=1e-3)
     assert found.setup[:2] == pytest.approx((-0.021, 0.153), rel=1e-3)
@@ -183,11 +190,11 @@ def test_clocks_that_are_ahead_are_found(recording):
 
 
 def measured_with(recording, setup):
-    """Return a recording of the first link alone, with another setup."""
-    q = np.concatenate([recording.position, recording.orientation], axis=-1)[:, :1]
+    """Return a recording of the first links alone, with another setup."""
+    q = np.concatenate([recording.position, recording.orientation], axis=-1)[:, :3]
     q = as_measured(q, setup)
     return replace(
-        recording, links=recording.links[:1], position=q[..., :3], orientation=q[..., 3:],
+        recording, links=recording.links[:3], position=q[..., :3], orientation=q[..., 3:],
         pose_time=recording.pose_time + setup.poses,
     )  # fmt: skip
 
@@ -201,7 +208,7 @@ def measured_with(recording, setup):
     ],
 )
 def test_what_the_setup_explains_is_suggested_and_found(recording, setup, suggested):
-    replay = replay_of(measured_with(recording, setup), seed=1)
+    replay = replay_of(measured_with(recording, setup), seed=2)
     wrong = fit(replay, unknowns_of(replay.scene, BOTH))
     assert judge(wrong).failures
     assert what_is_suggested(wrong)[0].startswith(f'--free {suggested}, would explain')
@@ -225,7 +232,7 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
     ],
 )
 def test_what_a_scene_lacks_is_suggested(tmp_path, truth, suggested):
-    recording = recording_of(with_settings(load_scene('lateral_undulation'), truth), tmp_path)
+    recording = recording_of(case_a(truth), tmp_path)
     replay = replay_of(recording, seed=1, **dict.fromkeys(truth.keys() - {'dt'}, 0.0))
     wrong = fit(replay, unknowns_of(replay.scene, BOTH))
     assert judge(wrong).failures
@@ -244,7 +251,7 @@ def test_one_offset_may_be_that_of_both_streams(recording):
 
 
 def test_a_robot_with_friction_in_its_joints_starts_flat(tmp_path):
-    scene = with_settings(load_scene('lateral_undulation'), {'robot.joint_friction': 0.2})
+    scene = case_a({'robot.joint_friction': 0.2})
     recording = recording_of(scene, tmp_path)
     replay = replay_of(recording, **{'robot.joint_friction': 0.1})
     assert replay.is_flat and what_is_not_planar(replay.scene)  # it lies flat, and is in space
@@ -270,7 +277,8 @@ def test_what_hardly_matters_is_said(found):
 
 
 def test_friction_hardly_matters_in_case_b(tmp_path):
-    recording = recording_of(load_scene('lateral_undulation_isotropic'), tmp_path)
+    scene = with_settings(load_scene('lateral_undulation_isotropic'), SHORT)
+    recording = recording_of(scene, tmp_path)
     replay = replay_of(recording, seed=2)
     names = ['friction.longitudinal=friction.transversal', 'robot.yaw_damping']
     result = fit(replay, unknowns_of(replay.scene, names))
@@ -485,9 +493,9 @@ def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
     for line in ran:
         words = shlex.split(line)
         assert words[0] == './run', line
-        shorter = ['--duration', '7'] if '--bag' in words else []
+        shorter = ['--duration', '4.7', '--set', 'robot.link_count=7'] if '--bag' in words else []
         if words[1] == 'fit':
-            shorter = ['--segment', '2', '--burn-in', '1.5']
+            shorter = ['--segment', '1', '--burn-in', '1.5']
         if '--check' in words:
             shorter += ['--check', '2']
         assert main([*words[1:], *shorter]) == 0, line
@@ -498,7 +506,7 @@ def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
 def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, capsys):
     pytest.importorskip('matplotlib')
     out, plot = tmp_path / 'fitted.yaml', tmp_path / 'fit.png'
-    options = ['--free', *BOTH, '--set', 'friction.longitudinal=0.2', '--segment', '2']
+    options = ['--free', *BOTH, '--set', 'friction.longitudinal=0.2', '--segment', '1']
     files = ['--out', str(out), '--plot', str(plot)]
     assert main(['fit', str(folder / 'run.mcap'), *options, '--burn-in', '1.5', *files]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -519,7 +527,7 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['--free', 'dt', '--segment', '2'], '--free dt'),
+        (['--free', 'dt', '--segment', '1'], '--free dt'),
         (['--free', *BOTH, '--noise-position', '0'], 'noise_position must be above 0 m, got 0 m'),
         (['--free', *BOTH, '--segment', '60'], 'must have at least 122.1'),
         (['--free', *BOTH, '--threads', '0'], '--threads must be at least 1, got 0'),
@@ -555,7 +563,7 @@ def test_a_robot_of_single_axes_is_fitted(tmp_path):
         robot=modular_robot(6), gait=Gait(yaw=wave, soft_start=1.0),
         friction=Friction(longitudinal=0.1, transversal=0.5),
     )  # fmt: skip
-    recording = recording_of(scene, tmp_path)
+    recording = recording_of(scene, tmp_path, duration=3.7)
     assert recording.scene.robot == scene.robot
     # Yaw of joints 1, 3 and 5, pitch of 2 and 4; the others are not measured.
     assert np.isfinite(recording.joint_angle).all(axis=0).tolist() == [

@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, stopped, wait_for
+from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, SLOW, stopped
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.studies import workers
@@ -18,22 +18,27 @@ from snake_sim_ros.studies.study import load_study, run_study
 from snake_sim_ros.studies.table import journal_of
 
 polars = pytest.importorskip('polars')
-# Rows of some 20 ms, enough for chunks of several sizes.
+# Rows of 0.1 s where they are held, enough for chunks of several sizes.
 STUDY = """
 scene: lateral_undulation
-set: {duration: 5.0}
+set: {duration: 0.5, robot.link_count: 3}
 vary:
-  friction.transversal: {low: 0.2, high: 0.6, count: 50}
+  friction.transversal: {low: 0.2, high: 0.6, count: 30}
   friction.longitudinal: [0.1, 0.15]
-metrics: [speed, slip, energy]
+metrics: [speed, slip, energy, "slow:slow"]
 """
+
+
+def write_study(folder):
+    """Write the study and the module of its metric; return its file."""
+    (folder / 'slow.py').write_text(SLOW)
+    (folder / 'my.yaml').write_text(STUDY)
+    return folder / 'my.yaml'
 
 
 @pytest.fixture(scope='module')
 def study(tmp_path_factory):
-    path = tmp_path_factory.mktemp('study') / 'my.yaml'
-    path.write_text(STUDY)
-    return load_study(path)
+    return load_study(write_study(tmp_path_factory.mktemp('study')))
 
 
 @pytest.fixture(scope='module')
@@ -55,7 +60,7 @@ def go_on(folder, capsys):
 
 
 def test_a_killed_study_goes_on(tmp_path, expected, capsys):
-    (tmp_path / 'my.yaml').write_text(STUDY)
+    write_study(tmp_path)
     journal = journal_of(tmp_path / 'my.parquet')
     stopped(['study', 'my.yaml', '--threads', '2'], tmp_path, journal, rows=5)
     done = rows_of(journal)
@@ -67,7 +72,7 @@ def test_a_killed_study_goes_on(tmp_path, expected, capsys):
 
 
 def test_ctrl_c_keeps_the_rows_that_are_done(tmp_path, expected, capsys):
-    (tmp_path / 'my.yaml').write_text(STUDY)
+    write_study(tmp_path)
     journal = journal_of(tmp_path / 'my.parquet')
     command = ['study', 'my.yaml', '--threads', '2']
     status, output, errors = stopped(command, tmp_path, journal, rows=5, by=signal.SIGINT)
@@ -83,27 +88,29 @@ def test_ctrl_c_keeps_the_rows_that_are_done(tmp_path, expected, capsys):
 
 @pytest.fixture(scope='module')
 def cluster(tmp_path_factory):
-    """Return a client of a Dask scheduler with two workers, each a process of its own."""
+    """
+    Return a client of a Dask scheduler, and a file that holds its rows.
+
+    It has two workers, each a process of its own.
+    """
     distributed = pytest.importorskip('distributed')
     folder = tmp_path_factory.mktemp('cluster')
-    file = folder / 'scheduler.json'
-    common = ['--scheduler-file', str(file), '--no-dashboard', '--host', '127.0.0.1']
-    commands = [
-        ['scheduler', *common, '--port', '0'],
-        *[['worker', *common, '--nthreads', '1', '--no-nanny']] * 2,
-    ]
+    (folder / 'slow.py').write_text(SLOW)
+    (folder / 'hold').touch()
+    environment = {**ENVIRONMENT, 'PYTHONPATH': f'{ENVIRONMENT["PYTHONPATH"]}{os.pathsep}{folder}'}
+    worker = ['worker', '--no-dashboard', '--nthreads', '1', '--no-nanny']
     processes = []
     try:
-        for number, command in enumerate(commands):
-            log = (folder / f'{number}.txt').open('w')
-            processes.append(subprocess.Popen(
-                [sys.executable, '-m', 'dask', *command],
-                cwd=folder, env=ENVIRONMENT, stdout=log, stderr=subprocess.STDOUT,
-            ))  # fmt: skip
-            wait_for(file.exists, (folder / '0.txt').read_text())
-        with distributed.Client(scheduler_file=str(file), timeout=DEADLINE) as client:
-            client.wait_for_workers(2, timeout=DEADLINE)
-            yield client
+        with distributed.LocalCluster(n_workers=0, dashboard_address=None) as scheduler:
+            for number in range(2):
+                log = (folder / f'{number}.txt').open('w')
+                processes.append(subprocess.Popen(
+                    [sys.executable, '-m', 'dask', *worker, scheduler.scheduler_address],
+                    cwd=folder, env=environment, stdout=log, stderr=subprocess.STDOUT,
+                ))  # fmt: skip
+            with distributed.Client(scheduler.scheduler_address, timeout=DEADLINE) as client:
+                client.wait_for_workers(2, timeout=DEADLINE)
+                yield client, folder / 'hold'
     finally:
         for process in processes:
             process.kill()
@@ -111,24 +118,25 @@ def cluster(tmp_path_factory):
 
 
 def test_a_cluster_loses_a_worker_and_no_row(study, expected, cluster, tmp_path, capsys):
-    address = cluster.scheduler.address
-    pids, killed = cluster.run(os.getpid), []
+    client, hold = cluster
+    address = client.scheduler.address
+    pids, killed = client.run(os.getpid), []
 
     def kill_one(results, is_new):
         """Kill a worker that has runs under way, once some are done."""
-        busy = [worker for worker, tasks in cluster.processing().items() if tasks]
+        busy = [worker for worker, tasks in client.processing().items() if tasks]
         if is_new and busy and not killed:
             killed.append(pids[busy[0]])
             os.kill(killed[0], signal.SIGKILL)
+            hold.unlink()
 
     table = run_study(study, None, None, workers.cluster(address), kill_one)
     assert killed
-    assert len(cluster.nthreads()) == 1
+    assert len(client.nthreads()) == 1
     assert table.drop('seconds').equals(expected)
     # The worker that is left does a study of the command.
-    (tmp_path / 'my.yaml').write_text(STUDY)
     out = tmp_path / 'out.csv'
-    arguments = [str(tmp_path / 'my.yaml'), '--scheduler', address, '--out', str(out)]
+    arguments = [str(write_study(tmp_path)), '--scheduler', address, '--out', str(out)]
     assert main(['study', *arguments]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])['done'] == len(expected)
     assert polars.read_csv(out)['speed'].to_list() == expected['speed'].to_list()
@@ -137,7 +145,7 @@ def test_a_cluster_loses_a_worker_and_no_row(study, expected, cluster, tmp_path,
 def test_a_scheduler_that_is_not_there_is_one_sentence(tmp_path, monkeypatch, capsys):
     pytest.importorskip('distributed')
     monkeypatch.setattr(workers, 'CONNECT_SECONDS', 1)
-    (tmp_path / 'my.yaml').write_text(STUDY)
+    write_study(tmp_path)
     monkeypatch.chdir(tmp_path)
     assert main(['study', 'my.yaml', '--scheduler', 'tcp://127.0.0.1:1']) == 2
     errors = capsys.readouterr().err.splitlines()

@@ -219,15 +219,13 @@ def test_memory_stays_flat_within_a_call(method):
 @each_method
 def test_memory_stays_flat_between_calls(method):
     scene = with_settings(load_scene('lateral_undulation'), {'method': method})
-    calls, warm, grown = 1000, 5000, []
+    calls, warm, grown = 300, 4000, []
     stepper, state, history, angle, rate = gait_steps(scene, 1)
     state, history, _ = stepper.advance(state, history, angle, rate)
+    for _ in range(warm):  # until pools are full, such as that of 2000 freed tuples of a length
+        state, history, _ = stepper.advance(state, history, angle, rate)
     tracemalloc.start()
     try:
-        for _ in range(
-            warm
-        ):  # until pools are full, such as that of 2000 freed tuples of a length
-            state, history, _ = stepper.advance(state, history, angle, rate)
         for _ in range(3):  # the interpreter itself may keep something in one of them
             before = tracemalloc.get_traced_memory()[0]
             for _ in range(calls):

@@ -253,6 +253,7 @@ class PartEnd(NamedTuple):
     jumps: bool  # whether the next part starts anew
     settled: bool  # whether the laws of the joint axes hold
     took_part: Array  # (contacts,) which contacts could close
+    gap: Array  # (contacts,) at its end [m]
 
 
 def balance(
@@ -331,18 +332,19 @@ def selection_rule(
     return compliance, selection_center(last, gamma, fall * float(mass.sum()))
 
 
-def solve_contacts(terms: Balance, contacts: Contacts) -> tuple[Array, Array]:
+def solve_contacts(contacts: Contacts, free: Array, response: Array) -> tuple[Array, Array]:
     """
     Return u_E (n, 6) and the impulses (k, 5) that satisfy the balance (iv) and the laws (viii).
+
+    The balance gives velocities `free` (6n,) without contacts and `response` (6n, 5k) to impulses.
 
     Impulses are scaled with the coefficients of friction, so that ellipses become discs of
     radius P_N, of which `share` leaves less on one side: the impulses of a contact are ``friction
     * P`` and the laws those of ``friction * gamma``, with ``gamma = G P + gamma_free``. The
     selection rule adds ``compliance (P_N - center)`` to gamma_N.
     """
-    W = (contacts.W * contacts.friction).reshape(len(terms.M), -1)
-    solution = terms.velocities(np.column_stack([terms.momentum, W]))
-    free, response = solution[:, 0], solution[:, 1:]
+    scale = contacts.friction.ravel()
+    W, response = contacts.W.reshape(len(free), -1) * scale, response * scale
     G, gamma_free = W.T @ response, (W.T @ free).reshape(-1, 5)
     normals = np.arange(0, len(G), 5)
     G[normals, normals] += contacts.compliance
@@ -360,10 +362,13 @@ def solve_falling(scene: Scene, terms: Balance, contacts: Contacts) -> tuple[Arr
     the contact is slower where it is larger, so that the iterates go one way.
     """
     factor = np.ones((len(contacts.active), 1))
+    W = contacts.W.reshape(len(terms.M), -1)
+    solution = terms.velocities(np.column_stack([terms.momentum, W]))
+    free, response = solution[:, 0], solution[:, 1:]
     for _ in range(FALLS):
         friction = contacts.friction.copy()
         friction[:, 1:] *= factor
-        u_E, P = solve_contacts(terms, contacts._replace(friction=friction))
+        u_E, P = solve_contacts(contacts._replace(friction=friction), free, response)
         gamma = np.einsum('rkj,r->kj', contacts.W, u_E.ravel())
         before, factor = factor, falling(scene, contacts.active, gamma)
         if np.abs(factor - before).max(initial=0.0) <= 1e-15:
@@ -420,9 +425,11 @@ def closing_velocities(
 def placed(
     scene: Scene, terms: Formula, dynamics: Balance, contacts: Contacts, u_E: Array, gap: Array,
     start_gap: Array, few: bool,
-) -> tuple[Motion, Array]:  # fmt: skip
+) -> tuple[Motion, Array, Array]:  # fmt: skip
     """
     Return the motion that u_E leads to, eq. (iii), and q_E (n, 7), with closed gaps, eq. (x).
+
+    The third array is that of all gaps at q_E.
 
     `gap` is that of `end_gaps`, and `start_gap` that at the start if any contact was deep there.
     Gaps are closed of contacts that carry load, or that are deeper than at the start.
@@ -440,8 +447,9 @@ def placed(
         rate = (W_tau.T @ u.ravel()).reshape(-1, 2)
         end = end_of(robot, terms.hat, terms.h_q, terms.star.pose, rate, u)
         q_E = coordinates(robot, end.pose, end.angle)
-        gap = scene_gaps(scene, q_E)[contacts.active]
-    return end, q_E
+        gap_E = scene_gaps(scene, q_E)
+        gap = gap_E[contacts.active]
+    return end, q_E, gap_E
 
 
 def closed_at_end(contacts: Contacts, P_N: Array, gap: Array, tolerance: float) -> Array:
@@ -500,18 +508,18 @@ def part(
         u_E, P, dynamics = solve_all(scene, dynamics, contacts, laws, joint_rate)[0]
     candidates.loaded[:] = False
     candidates.loaded[closed] = P[:, 0] > 0.0
-    q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
-    start_gap = scene_gaps(scene, q_A)[candidates.active]
-    was_deep = history.memory.depth[0] > DEEP
-    start_gap = np.where(was_deep, np.minimum(start_gap, 0.0), 0.0)
+    start_gap = np.zeros(len(candidates.active))
+    if history.memory.depth[0] > DEEP:
+        q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
+        start_gap = np.minimum(scene_gaps(scene, q_A)[candidates.active], 0.0)
     few = len(P) <= MOST_CONDENSED
-    end, q_E = placed(scene, terms, dynamics, candidates, moving, gap, start_gap, few)
+    end, q_E, gap_E = placed(scene, terms, dynamics, candidates, moving, gap, start_gap, few)
     end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
     took_part = np.zeros(len(history.impulse), dtype=bool)
     took_part[candidates.active] = True
     impulse = np.zeros(history.impulse.shape)
     impulse[contacts.active] = np.where(P[:, :1] > 0.0, P, 0.0)
-    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled, took_part)
+    return PartEnd(State(q_E, u_E), end, impulse, terms.h, lands, anew, settled, took_part, gap_E)
 
 
 def remembered(history: History, dt: float, end: PartEnd) -> Bdf2Memory:
@@ -588,10 +596,10 @@ def step(
         told, pushed = references(scene, known, angle, rate, late), pushes.generalized
         end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))
         takes_part = takes_part | end.took_part
-        depth, before = depth_of(scene, end.state), history.memory.depth[0]
+        depth, before = max(0.0, -float(end.gap.min())), history.memory.depth[0]
         closed = closed_gap(scene.solver.activation_tolerance, scene.dt)
         deep = depth > (before + closed if before > DEEP else DEEP)
-        deep_ones = scene_gaps(scene, end.state.q) <= -DEEP
+        deep_ones = end.gap <= -DEEP
         if deep and (deep_ones & ~takes_part).any():
             takes_part = takes_part | deep_ones
         elif deep and size > 1:

@@ -60,9 +60,10 @@ def with_closed_gaps(
     (start_gap, approach), before, q_before = start, math.inf, q
     most = np.maximum(most_closed(scene.dt), -scene.dt * approach)
     for move_number in range(MOST_MOVES + 1 if closed > 0.0 else 0):
-        gap = scene_gaps(scene, q)[active] - start_gap
+        all_gaps = scene_gaps(scene, q)
+        gap = all_gaps[active] - start_gap
         closes = (np.abs(gap) <= most) & ((gap < 0.0) | loaded)
-        worst = np.abs(gap[loaded]).max(initial=-scene_gaps(scene, q).min(initial=0.0))
+        worst = np.abs(gap[loaded]).max(initial=-all_gaps.min(initial=0.0))
         if worst > GAP_GROWTH * before:
             return q_before
         to_close = np.abs(gap[closes]).max(initial=0.0)

@@ -424,23 +424,31 @@ class DenseStepper:
         """
         solver, centers = self.scene.solver, rule.center.tolist()
         *_, W_N, W_T, W_V, W_J, _, M_inv, momentum = terms
-        G_J = W_J.T @ M_inv @ W_J
-        last_P, u_E, iterations, change = P, M_inv @ momentum, 0, math.inf
-        while not change < solver.tolerance and iterations < limit:
-            S = W_N @ P[:, 0] + W_T @ P[:, 1:3].ravel() + W_V @ P[:, 3:].ravel()  # (76)
+        G_J, rows = W_J.T @ M_inv @ W_J, len(momentum)
+        directions = W_N[:, :, None], W_T.reshape(rows, -1, 2), W_V.reshape(rows, -1, 2)
+        W = np.concatenate(directions, axis=2).reshape(rows, -1)
+
+        def velocities(load: Array) -> Array:
             # (84), with both terms negative; the paper's first sign is lost in print.
-            right = W_J.T @ M_inv @ (momentum + S)
-            P_J = -np.linalg.solve(G_J, right)
-            u_E = M_inv @ (momentum + S + W_J @ P_J)  # (86)
-            gamma = terms.shifted_velocities(u_E)
-            friction = terms.friction * falling(self.scene, terms.active, gamma)
-            each = zip(friction.tolist(), centers, P.tolist(), gamma.tolist(), strict=True)
+            P_J = -np.linalg.solve(G_J, W_J.T @ M_inv @ load)
+            return np.asarray(M_inv @ (load + W_J @ P_J))  # (86)
+
+        # Velocities are linear in impulses: (84), (86) and (90)-(92) are gamma = G P + gamma_free.
+        G, gamma_free = W.T @ velocities(W), terms.shifted_velocities(velocities(momentum))
+        falls, friction = self.scene.friction.kinetic_ratio != 1.0, terms.friction.tolist()
+        last_P, iterations, change = P, 0, math.inf
+        while not change < solver.tolerance and iterations < limit:
+            gamma = gamma_free + (G @ P.ravel()).reshape(-1, 5)
+            if falls:
+                factor = falling(self.scene, terms.active, gamma)
+                friction = (terms.friction * factor).tolist()
+            each = zip(friction, centers, P.tolist(), gamma.tolist(), strict=True)
             P_new = [contact_prox(solver, rule.compliance, *contact) for contact in each]
-            step = np.reshape(P_new, P.shape) - P
-            change = sum(float(np.linalg.norm(step[:, k])) for k in ([0], [1, 2], [3, 4]))  # (93)
-            P = P + step
-            last_P = P - step
+            last_P, P = P, np.reshape(P_new, P.shape)
+            squares = ((P - last_P) ** 2).sum(axis=0)
+            change = float(np.sqrt(np.add.reduceat(squares, (0, 1, 3))).sum())  # (93)
             iterations += 1
+        u_E = velocities(momentum + W @ last_P.ravel())  # (76)
         return P, last_P, u_E, iterations, change < solver.tolerance
 
 

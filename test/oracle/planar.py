@@ -8,6 +8,7 @@ It shares no algebra with the compiled step: joints are constraints with W_J and
 The velocities of a link are (v_x, v_y, omega) in the plane and (v_z, omega_x, omega_y) out of it.
 """
 
+from collections.abc import Callable
 import math
 from typing import NamedTuple
 
@@ -93,19 +94,23 @@ def upright_directions(theta: Array, half: Array, offset: Array) -> tuple[Array,
     return W_J, W_N, axes
 
 
+Loads = tuple[Array, Array, float]
+
+
 def loads_from_friction(
-    theta: Array, half: Array, offset: Array, pitch_stiffness: Array, wrench: Array
-) -> tuple[Array, Array, float]:
+    theta: Array, half: Array, offset: Array, pitch_stiffness: Array
+) -> Callable[[Array], Loads]:
     """
-    Return the normal impulses of least norm that balance a wrench out of the plane (3n,).
+    Return a function of a wrench out of the plane (3n,): the impulses of least norm against it.
 
     The pitch joints hold the motions that neither contacts nor joint constraints resist: one in
     which all links roll together and, where both spheres of every link are at its center, another
     in which they pitch to and fro. Their torques are those of springs of their stiffness.
 
-    Returns
-    -------
+    The function returns:
+
     P_N : ndarray, shape (2n,)
+        Normal impulses [N s].
     torque : ndarray, shape (n-1,)
         Impulses of the pitch joints [N m s].
     roll : float
@@ -121,16 +126,22 @@ def loads_from_friction(
     bend[np.abs(bend) <= RANK] = 0.0  # a straight robot rolls without bending, but for rounding
     held = pitch_stiffness[:, None] * bend
     free = null_space(np.hstack([W_J, axes @ held]).T, rcond=RANK)
-    P_N = np.linalg.pinv(free.T @ W_N, rcond=RANK) @ (-free.T @ wrench)
-    rest = -(wrench + W_N @ P_N)
+    pressing = -np.linalg.pinv(free.T @ W_N, rcond=RANK) @ free.T
     resisting = np.hstack([W_J, axes @ held])
-    parts = np.linalg.lstsq(resisting, rest, rcond=None)[0]
-    turned = parts[W_J.shape[1] :]
+    inverse = np.linalg.pinv(resisting)
     heading = np.column_stack([np.cos(theta), np.sin(theta)])
-    roll = np.einsum('ik,ik->i', (rolling @ turned).reshape(len(theta), 3)[:, 1:], heading)
-    balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
-    largest = math.copysign(np.abs(roll).max() if balanced else math.inf, roll[len(theta) // 2])
-    return P_N, held @ turned, largest
+
+    def loads(wrench: Array) -> Loads:
+        P_N = pressing @ wrench
+        rest = -(wrench + W_N @ P_N)
+        parts = inverse @ rest
+        turned = parts[W_J.shape[1] :]
+        roll = np.einsum('ik,ik->i', (rolling @ turned).reshape(len(theta), 3)[:, 1:], heading)
+        balanced = np.abs(resisting @ parts - rest).max() <= BALANCE * np.abs(wrench).max()
+        most = np.abs(roll).max() if balanced else math.inf
+        return P_N, held @ turned, math.copysign(most, roll[len(theta) // 2])
+
+    return loads
 
 
 def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemory) -> bool:
@@ -261,6 +272,7 @@ class DenseLoop:
         n, half, offset = len(theta), model.half_length, model.offset
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
+        loads = loads_from_friction(theta, half, offset, self.pitch)
         iterations, change = 0, math.inf
         while not change < solver.tolerance and iterations < limit:
             u_E = M_inv @ (momentum + W_T @ tangential.ravel())
@@ -271,7 +283,7 @@ class DenseLoop:
             wrench[:, 0] = model.mass * model.fall
             wrench[:, 1] = model.radius * (s * along + c * across)
             wrench[:, 2] = -model.radius * (c * along - s * across)
-            P_N, held, roll = loads_from_friction(theta, half, offset, self.pitch, wrench.ravel())
+            P_N, held, roll = loads(wrench.ravel())
             gamma = np.pad((W_T.T @ u_E).reshape(-1, 2), ((0, 0), (1, 2)))
             friction = terms.friction * falling(self.scene, np.arange(2 * n), gamma)
             P_T = self.project(tangential, gamma[:, 1:3], P_N, friction)

@@ -1,15 +1,22 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands topic, param and service, in processes of their own, against live nodes."""
+"""
+The commands topic, param and service, in processes of their own, against live nodes.
 
+Most processes are forked, see `forks`; those of `service call` and those that signals end are not.
+"""
+
+import ctypes
 import re
 import signal
 import sys
 import time
 
+from forks import command, Forked, run_command
 from geometry_msgs.msg import Twist
 from graph import background, Process
 import pytest
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -24,8 +31,8 @@ SET_BOOL = 'std_srvs/srv/SetBool'
 def graph(make_graph):
     """Return a live robot."""
     graph = make_graph()
-    graph.start('sim', 'publish_rate:=50.0')
-    graph.start('gait', 'use_sim_time:=true')
+    graph.start('sim', 'publish_rate:=20.0')
+    graph.start('gait', 'use_sim_time:=true', 'publish_rate:=20.0')
     clock = graph.record(Clock, '/clock')
     graph.until(lambda: clock, 'the clock')
     return graph
@@ -36,12 +43,8 @@ def run_all(graph):
     """Return a function that runs commands beside each other: the lines of each."""
 
     def run_all(*commands, status=0):
-        processes = [started(graph, *words) for words in commands]
-        for process in processes:
-            graph.until(lambda: process.popen.poll() is not None, process.name)  # noqa: B023
-            assert process.wait() == status, process.output
-            assert 'Traceback' not in process.output
-        return [process.lines for process in processes]
+        processes = [command(words, graph.domain) for words in commands]
+        return [lines_of(graph, process, status) for process in processes]
 
     return run_all
 
@@ -56,18 +59,35 @@ def run(run_all):
     return run
 
 
+def lines_of(graph, process, status=0):
+    """Return the lines of a command once it has ended."""
+    graph.until(lambda: process.popen.poll() is not None, process.name)
+    assert process.wait() == status, process.output
+    assert 'Traceback' not in process.output
+    return process.lines
+
+
 def started(graph, *words):
+    """Start a command as a user does."""
     return Process([*COMMANDS, *words], graph.domain)
 
 
 # ---- what there is ------------------------------------------------------------------------------
 
 
-def test_lists(run_all):
-    services = ('service', 'list')
-    topics, services, every = run_all(
-        ('topic', 'list', '-t'), services, (*services, '--show-types')
-    )
+@pytest.fixture(scope='module')
+def listed(graph):
+    """Return the lines of all commands that list something: each looks around for some seconds."""
+    commands = (
+        'topic list -t', 'service list', 'service list --show-types', 'param list',
+        'param list sim', 'param list /sim',
+    )  # fmt: skip
+    processes = {words: command(words.split(), graph.domain) for words in commands}
+    return {words: lines_of(graph, process) for words, process in processes.items()}
+
+
+def test_lists(listed):
+    topics, services, every = list(listed.values())[:3]
     assert '/joint_states [sensor_msgs/msg/JointState]' in topics
     assert '/cmd_vel [geometry_msgs/msg/Twist]' in topics
     assert {'/sim/reset', '/gait/restart', '/sim/get_parameters'} <= {*services}
@@ -75,9 +95,8 @@ def test_lists(run_all):
     assert not any('/_' in line for line in (*topics, *services))
 
 
-def test_parameters_of_all_nodes(run_all):
-    words = ('param', 'list')
-    lines, *own = run_all(words, (*words, 'sim'), (*words, '/sim'))
+def test_parameters_of_all_nodes(listed):
+    lines, *own = list(listed.values())[3:]
     assert '/gait:' in lines and lines.index('/gait:') < lines.index('/sim:')
     of_sim = lines[lines.index('/sim:') + 1 :]
     assert '  friction.transversal' in of_sim and of_sim == sorted(of_sim)
@@ -109,7 +128,7 @@ def test_echo_hears_all_who_publish(graph):
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     both = [graph.node.create_publisher(String, '/words', qos) for qos in (best_effort, latched)]
-    process = started(graph, 'topic', 'echo', '/words', 'std_msgs/msg/String')
+    process = command(['topic', 'echo', '/words', 'std_msgs/msg/String'], graph.domain)
 
     def heard():
         for publisher, word in zip(both, ('one', 'two'), strict=True):
@@ -121,7 +140,7 @@ def test_echo_hears_all_who_publish(graph):
 
 
 def test_hz(graph):
-    process = started(graph, 'topic', 'hz', '/joint_states')
+    process = command(['topic', 'hz', '/joint_states'], graph.domain)
     process.wait_for('std dev', 60)
     assert process.stop(signal.SIGINT) == 130
     line, details = process.lines[:2]
@@ -139,7 +158,7 @@ def test_pub(run, graph):
     graph.until(lambda: twists, 'the message')
     assert (twists[0].linear.x, twists[0].linear.y, twists[0].angular.z) == (1.0, 0.01, 0.1)
     assert 'publisher: beginning loop' in lines and lines[-2].startswith('publishing #1: geometry')
-    process = started(graph, 'topic', 'pub', '-r', '20', '/cmd_vel', TWIST)
+    process = command(['topic', 'pub', '-r', '20', '/cmd_vel', TWIST], graph.domain)
     graph.until(lambda: len(twists) > 5, 'some more')
     assert process.stop(signal.SIGINT) == 130
     assert twists[-1] == Twist()
@@ -176,9 +195,11 @@ def test_parameters_are_read_and_written(run, run_all):
     assert 'Parameter not set: /sim has no parameter nothing' in unknown
 
 
-def test_call(run):
+def test_call(graph, run):
     for data, message in ((True, 'paused'), (False, 'running')):
-        lines = run('service', 'call', '/sim/pause', SET_BOOL, f'{{data: {str(data).lower()}}}')
+        values = f'{{data: {str(data).lower()}}}'
+        process = started(graph, 'service', 'call', '/sim/pause', SET_BOOL, values)
+        lines = lines_of(graph, process)
         request, _, head, response = [line for line in lines if 'waiting' not in line][:4]
         assert request == f'requester: making request: std_srvs.srv.SetBool_Request(data={data})'
         assert head == 'response:'
@@ -216,32 +237,30 @@ def test_what_cannot_be_done_is_one_sentence(run_all):
         assert all(line.lower().startswith('waiting') for line in rest)
 
 
-HANGING = """
-import ctypes, sys
-from rclpy.node import Node
-from snake_sim_ros.commands.main import main
-
 def hang_with_the_lock_of_the_interpreter(*_):
     while True:
         ctypes.PyDLL(None).sleep(60)
 
-Node.destroy_node = hang_with_the_lock_of_the_interpreter
-sys.exit(main(sys.argv[1:]))
-"""
+
+def run_hanging(*words):
+    """Run a command whose node cannot be destroyed."""
+    Node.destroy_node = hang_with_the_lock_of_the_interpreter
+    return run_command(*words)
 
 
 def test_a_command_whose_middleware_hangs_ends_with_its_own_status(graph):
-    command = [sys.executable, '-c', HANGING, 'topic', 'pub', '-1', '-w', '0', '/x', TWIST]
-    for values, status, words in (('{}', 0, 'publishing #1'), ('{', 1, 'not readable')):
-        process = Process([*command, values], graph.domain)
-        process.wait_for(words)
+    words = ('topic', 'pub', '-1', '-w', '0', '/x', TWIST)
+    for values, status, said in (('{}', 0, 'publishing #1'), ('{', 1, 'not readable')):
+        process = Forked(run_hanging, *words, values, domain=graph.domain)
+        process.wait_for(said)
         begin = time.monotonic()
         assert process.wait() == status, process.output
         assert 1.0 < time.monotonic() - begin < 3.0 and 'Traceback' not in process.output
 
 
 def test_echo_hears_who_publishes_later(graph):
-    process = started(graph, 'topic', 'echo', '--once', '/later', 'std_msgs/msg/String')
+    words = ['topic', 'echo', '--once', '/later', 'std_msgs/msg/String']
+    process = command(words, graph.domain)
     names = graph.node.get_node_names
     graph.until(lambda: f'_snake_sim_{process.popen.pid}' in names(), 'the command')
     time.sleep(1.0)  # it has waited long enough for somebody who publishes already

@@ -2,60 +2,75 @@
 # SPDX-License-Identifier: Apache-2.0
 """A node ends within two seconds of a signal, whatever the middleware does."""
 
+import ctypes
 import signal
-import sys
 import time
 
-from graph import next_domain, Process
-import pytest
+from forks import Forked
+from graph import next_domain
+import rclpy
+from rclpy.node import Node
+
+from snake_sim_ros.nodes.node_process import run_node
 
 TIME_TO_END = 2.0  # s
 NODES = 20  # that end together
-# A node; HANGS lets something in it hang.
-NODE = """
-import ctypes
-import time
-import rclpy
-from rclpy.node import Node
-from snake_sim_ros.nodes.node_process import run_node
+
 
 def hang_with_the_lock_of_the_interpreter(*_):
     while True:  # a signal ends a call
         ctypes.PyDLL(None).sleep(60)
 
+
 def hang_without_it(*_):
     time.sleep(60)  # goes on after a signal
+
+
+def fail(*_):
+    raise ZeroDivisionError
+
 
 def run(node, stop):
     print('runs', flush=True)
     while not stop.is_set():
-        rclpy.spin_once(node, timeout_sec=0.01)
-
-{HANGS}
-run_node(lambda: Node('node'), run, ['node'])
-"""
-LOCKED, FREE = 'hang_with_the_lock_of_the_interpreter', 'hang_without_it'
+        rclpy.spin_once(node, timeout_sec=0.05)
 
 
-def start(hangs: str = '', domain: int = 0) -> Process:
-    program = [sys.executable, '-c', NODE.format(HANGS=hangs)]
-    return Process(program, domain or next_domain())
+def run_a_node(changes):
+    """Run a node with other functions in place of some, such as one that hangs."""
+    for name, function in changes.items():
+        owner, _, attribute = name.partition('.')
+        setattr({'Node': Node, 'rclpy': rclpy}[owner], attribute, function)
+    return run_node(lambda: Node('node'), run, ['node'])
 
 
-@pytest.mark.parametrize(('how', 'number'), [(LOCKED, signal.SIGINT), (FREE, signal.SIGTERM)])
-@pytest.mark.parametrize('what', ['Node.destroy_node', 'rclpy.try_shutdown'])
-def test_a_node_whose_middleware_hangs_ends_and_says_where(what, how, number):
-    process = start(f'{what} = {how}')
-    process.wait_for('runs')
+LOCKED, FREE = hang_with_the_lock_of_the_interpreter, hang_without_it
+
+
+def start(changes=None, domain=0):
+    return Forked(run_a_node, changes or {}, domain=domain or next_domain())
+
+
+def test_a_node_whose_middleware_hangs_ends_and_says_where():
+    cases = [
+        (start({what: how}), how, number)
+        for what in ('Node.destroy_node', 'rclpy.try_shutdown')
+        for how, number in ((LOCKED, signal.SIGINT), (FREE, signal.SIGTERM))
+    ]
+    for process, *_ in cases:
+        process.wait_for('runs')
     begin = time.monotonic()
-    assert process.stop(number) == 1
-    assert time.monotonic() - begin < TIME_TO_END
-    assert process.count('Timeout (0:00:01.5') == 1, process.output
-    assert process.count(f' in {how}') == 1, process.output
+    for process, _, number in cases:
+        process.popen.send_signal(number)
+    for process, how, _ in cases:
+        assert process.wait() == 1
+        assert time.monotonic() - begin < TIME_TO_END
+        assert process.count('Timeout (0:00:01.5') == 1, process.output
+        assert process.count(f' in {how.__name__}') == 1, process.output
 
 
 def test_more_signals_do_not_put_off_the_end():
-    process = start(f'Node.destroy_node = {LOCKED}')
+    process = start({'Node.destroy_node': LOCKED})
     process.wait_for('runs')
     begin = time.monotonic()
     while process.popen.poll() is None and time.monotonic() < begin + 2 * TIME_TO_END:
@@ -66,7 +81,7 @@ def test_more_signals_do_not_put_off_the_end():
 
 
 def test_a_node_that_cannot_be_made_ends_if_its_middleware_hangs():
-    process = start(f'rclpy.try_shutdown, Node.__init__ = {LOCKED}, lambda *_: 1 / 0')
+    process = start({'rclpy.try_shutdown': LOCKED, 'Node.__init__': fail})
     assert process.wait() == 1
     assert process.count('Timeout (0:00:01.5') == 1, process.output
 

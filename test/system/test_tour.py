@@ -13,7 +13,8 @@ import shlex
 import subprocess
 import sys
 
-from graph import environment, Process
+from forks import command
+from graph import environment
 from offline import nanoseconds
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -25,6 +26,7 @@ from snake_sim_ros.nodes.state_publishers import TransformMessages
 ROOT = Path(__file__).parents[2]
 TUTORIAL = (ROOT / 'docs/first_steps.md').read_text(encoding='utf-8')
 NODES = (ROOT / 'docs/nodes.md').read_text(encoding='utf-8')
+RATE = 'publish_rate:=50.0'  # a quarter of the messages
 TRIES = 20  # half seconds, for what a line asks for to happen
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
 
@@ -59,10 +61,10 @@ class Tour:
         """Start what `ros2 run` starts."""
         name, *arguments = shlex.split(line)[3:]
         if name == 'sim':
-            self.sim = SimClient(self.graph, 'real_time_factor:=2.0')
+            self.sim = SimClient(self.graph, 'real_time_factor:=2.0', RATE)
             self.sim.wait_until_connected()
         else:
-            self.gait = self.graph.start(name, *arguments[2:])
+            self.gait = self.graph.start(name, *arguments[2:], RATE)
             self.gait.wait_for('the gait begins')
 
     def speed(self, seconds=0.5):
@@ -120,8 +122,7 @@ def act(tour, line, folder):
 
 def run(graph, line):
     """Return what a line of `ros2` prints."""
-    command = [sys.executable, '-m', 'snake_sim_ros.commands', *shlex.split(line)[1:]]
-    process = Process(command, graph.domain)
+    process = command(shlex.split(line)[1:], graph.domain)
     graph.until(lambda: process.popen.poll() is not None, line)
     assert process.wait() == 0, process.output
     return process.output

@@ -1,0 +1,92 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Processes that are forked from one which has all modules loaded already.
+
+A command of snake-sim imports modules for most of its time. Where its work is tested and not its
+start, it runs in a process that is forked from a server of `multiprocessing`, which does nothing
+else, so that it has neither threads nor a middleware.
+"""
+
+from collections.abc import Callable
+import multiprocessing
+from multiprocessing.connection import Connection
+import os
+import signal
+import subprocess
+import threading
+from typing import Any
+
+from graph import environment, Process
+
+SERVER = multiprocessing.get_context('forkserver')
+SERVER.set_forkserver_preload(
+    [
+        'snake_sim_ros.commands.main', 'snake_sim_ros.nodes.graph', 'geometry_msgs.msg',
+        'nav_msgs.msg', 'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'pytest',
+    ]
+)  # fmt: skip
+
+
+class Forked(Process):
+    """A process that calls a function; its exit status is what the function returns."""
+
+    def __init__(self, act: Callable[..., int], *arguments: Any, domain: int) -> None:
+        self.name, self.lines = ' '.join(map(str, arguments)), []
+        self.popen: Any = _Fork(_call, act, arguments, environment(domain))
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+
+class _Fork:
+    """What a `Process` uses of `subprocess.Popen`."""
+
+    def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
+        reader, writer = SERVER.Pipe(duplex=False)
+        self._process = SERVER.Process(target=target, args=(writer, *arguments), daemon=True)
+        self._process.start()
+        writer.close()
+        self.stdout = os.fdopen(os.dup(reader.fileno()), errors='replace')
+        reader.close()
+        self.pid = self._process.pid
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self._process.kill()
+
+
+def _call(
+    output: Connection, act: Callable[..., int], arguments: Any, variables: dict[str, str]
+) -> None:
+    """Call a function in this process as if it were a program."""
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.dup2(output.fileno(), 1)
+    os.dup2(output.fileno(), 2)
+    output.close()
+    os.environ.clear()
+    os.environ.update(variables)
+    raise SystemExit(act(*arguments))
+
+
+def run_command(*words: str) -> int:
+    """Return the exit status of a command of snake-sim."""
+    from snake_sim_ros.commands.main import main  # in this process only
+
+    return main(list(words))
+
+
+def command(words: list[str], domain: int) -> Forked:
+    """Start a command of snake-sim."""
+    return Forked(run_command, *words, domain=domain)

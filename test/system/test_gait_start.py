@@ -36,17 +36,11 @@ HAND = ('use_sim_time:=true', f'blend_time:={BLEND_TIME}')
 @pytest.fixture(scope='module')
 def started(make_graph):
     """All nodes of this module, started together, in domains of their own."""
-    names = (
-        *('measured', 'soft', 'now', 'useless', 'two', 'twins', 'wall', 'real', 'stamped'),
-        'live',
-    )
+    names = ('measured', 'soft', 'now', 'wall', 'real', 'stamped', 'live')
     graphs = {name: make_graph() for name in names}
     graphs['measured'].start('gait', *HAND)
     graphs['soft'].start('gait', *HAND, 'scene:=sidewinding')
     graphs['now'].start('gait', *HAND, 'start_from:=now')
-    graphs['useless'].start('gait', *HAND)
-    graphs['two'].start('gait', *HAND)
-    graphs['twins'].start('gait', *HAND)
     graphs['wall'].start('gait')
     graphs['real'].start('gait', 'use_sim_time:=true')
     graphs['stamped'].start('gait', *HAND, 'use_stamped_vel:=true', 'cmd_vel_timeout:=0.5')
@@ -94,40 +88,14 @@ def assert_commands(messages, blend):
         assert np.array(message.velocity).tobytes() == rate.tobytes()
 
 
-def test_commands_begin_at_the_measured_angles(started):
-    robot = Robot(started['measured'], POSTURE)
-    gait, process = load_scene('lateral_undulation').gait, robot.clock.process
-    messages = robot.until_begun()
-    assert_commands(messages, Blend.of(gait, 10, BLEND_TIME, POSTURE))
-    assert np.array_equal(messages[0].position, POSTURE.ravel())
-    assert not np.any(messages[0].velocity)
-    for earlier, later in pairwise(messages):
-        turned = np.abs(np.subtract(later.position, earlier.position)).max()
-        assert turned < 1e-9 * PERIOD * LIMITS.joint_rate_limit
-    assert robot.clock.graph.call(Trigger, 'gait/restart').success
-    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME, POSTURE))
-    # When time goes back, the angles of that time count; those beyond the limit are at the limit.
-    robot.angle = np.where(POSTURE > 0.5, 0.8, -POSTURE)
-    held = np.clip(robot.angle, -LIMITS.joint_limit, LIMITS.joint_limit)
-    robot.clock.now = 1_000_000_000
-    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME, held))
-    # Where the robot is put back into the posture of the gait, nothing blends.
-    robot.angle, _ = Blend.of(gait, 10, BLEND_TIME).reference(0.0)
-    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME))
-    assert process.count('the gait begins') == process.count('[INFO]') - 1 == 4
-    assert process.count('time went back') == process.count('the robot was put back') == 1
-    assert not process.count('[WARN]'), process.output
+@pytest.fixture(scope='module')
+def robot(started):
+    """A robot whose gait node goes through several tests."""
+    return Robot(started['measured'], POSTURE)
 
 
-@pytest.mark.parametrize('name', ['soft', 'now'])
-def test_commands_are_those_of_the_gait(started, name):
-    scene = 'lateral_undulation' if name == 'now' else 'sidewinding'
-    robot = Robot(started[name], POSTURE if name == 'now' else np.zeros((10, 2)))
-    assert_commands(robot.until_begun(), Blend.of(load_scene(scene).gait, 10, BLEND_TIME))
-
-
-def test_joint_states_without_use_are_one_warning(started):
-    robot = Robot(started['useless'], np.where(POSTURE == POSTURE[3, 1], math.nan, POSTURE))
+def test_joint_states_without_use_are_one_warning(robot):
+    robot.angle = np.where(POSTURE == POSTURE[3, 1], math.nan, POSTURE)
     process, graph = robot.clock.process, robot.clock.graph
     messages = robot.until_begun()
     robot.publisher.publish(JointState(name=['wheel'], position=[0.0]))
@@ -145,8 +113,67 @@ def test_joint_states_without_use_are_one_warning(started):
     )
 
 
+def test_commands_begin_at_the_measured_angles(robot):
+    gait, process = load_scene('lateral_undulation').gait, robot.clock.process
+    robot.angle, begin = POSTURE, len(process.lines)
+    assert robot.clock.graph.call(Trigger, 'gait/restart').success
+    messages = robot.until_begun()
+    assert_commands(messages, Blend.of(gait, 10, BLEND_TIME, POSTURE))
+    assert np.array_equal(messages[0].position, POSTURE.ravel())
+    assert not np.any(messages[0].velocity)
+    for earlier, later in pairwise(messages):
+        turned = np.abs(np.subtract(later.position, earlier.position)).max()
+        assert turned < 1e-9 * PERIOD * LIMITS.joint_rate_limit
+    assert robot.clock.graph.call(Trigger, 'gait/restart').success
+    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME, POSTURE))
+    # When time goes back, the angles of that time count; those beyond the limit are at the limit.
+    robot.angle = np.where(POSTURE > 0.5, 0.8, -POSTURE)
+    held = np.clip(robot.angle, -LIMITS.joint_limit, LIMITS.joint_limit)
+    robot.clock.now = 1_000_000_000
+    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME, held))
+    # Where the robot is put back into the posture of the gait, nothing blends.
+    robot.angle, _ = Blend.of(gait, 10, BLEND_TIME).reference(0.0)
+    assert_commands(robot.until_begun(), Blend.of(gait, 10, BLEND_TIME))
+    told = process.lines[begin:]
+    for text, count in (
+        *(('the gait begins', 4), ('[INFO]', 4), ('[WARN]', 0)),
+        *(('time went back', 1), ('the robot was put back', 1)),
+    ):
+        assert sum(text in line for line in told) == count, process.output
+
+
+@pytest.mark.parametrize('name', ['soft', 'now'])
+def test_commands_are_those_of_the_gait(started, name):
+    scene = 'lateral_undulation' if name == 'now' else 'sidewinding'
+    robot = Robot(started[name], POSTURE if name == 'now' else np.zeros((10, 2)))
+    assert_commands(robot.until_begun(), Blend.of(load_scene(scene).gait, 10, BLEND_TIME))
+
+
+def test_two_robots_are_one_warning(robot):
+    process, graph = robot.clock.process, robot.clock.graph
+    robot.angle = POSTURE
+    assert graph.call(Trigger, 'gait/restart').success
+    robot.until_begun()
+    begin = len(process.lines)
+
+    def both():
+        robot.angle = -robot.angle
+        robot.tick()
+        return process.count('is there more than one publisher of joint_states?')
+
+    graph.until(both, 'the warning')
+    heard = len(robot.clock.messages)
+    for _ in range(200):
+        both()
+        graph.spin(0.002)
+    (line,) = (line for line in process.lines[begin:] if '[WARN]' in line)
+    assert 'joint_states jump back and forth' in line
+    assert len(process.lines) - begin < 10, process.output
+    assert len(robot.clock.messages) < heard + 10, 'it should wait'
+
+
 def test_two_clocks_are_one_warning(started):
-    clock = HandClock(started['two'])
+    clock = HandClock(started['now'])
     process, graph, messages = clock.process, clock.graph, clock.messages
     graph.until(lambda: clock.tick() or messages, 'the first command')
     lines, begin = len(process.lines), time.monotonic()
@@ -175,43 +202,29 @@ def test_two_clocks_are_one_warning(started):
     graph.until(lambda: clock.tick() or messages[count:], 'commands by the clock that is left')
 
 
-def test_two_robots_are_one_warning(started):
-    robot = Robot(started['twins'], POSTURE)
-    process, graph = robot.clock.process, robot.clock.graph
-    robot.until_begun()
-
-    def both():
-        robot.angle = -robot.angle
-        robot.tick()
-        return process.count('is there more than one publisher of joint_states?')
-
-    graph.until(both, 'the warning')
-    heard = len(robot.clock.messages)
-    for _ in range(200):
-        both()
-        graph.spin(0.002)
-    (line,) = (line for line in process.lines if '[WARN]' in line)
-    assert 'joint_states jump back and forth' in line
-    assert len(process.lines) < 10, process.output
-    assert len(robot.clock.messages) < heard + 10, 'it should wait'
-
-
 def test_a_clock_that_is_not_that_of_the_robot_is_one_warning(started):
-    for name, value, seconds in (('wall', 'true', 12.0), ('real', 'false', time.time())):
-        graph = started[name]
-        (process,) = graph.processes
+    cases = [('wall', 'true', 12.0), ('real', 'false', time.time())]
+    graphs = [started[name] for name, *_ in cases]
+    processes = [process for graph in graphs for process in graph.processes]
+    told = []
+    for graph, (_, _, seconds) in zip(graphs, cases, strict=True):
         publisher = graph.node.create_publisher(JointState, 'joint_states', QoSProfile(depth=1))
-        told = JointState(name=NAMES, position=[0.0] * 20)
-        told.header.stamp = stamp_from(round(1e9 * seconds))
-        graph.until(
-            lambda told=told, publisher=publisher, process=process: (
-                publisher.publish(told) or process.count('use_sim_time')
-            ),
-            'a warning of the clock',
-        )
-        for _ in range(100):
-            publisher.publish(told)
+        message = JointState(name=NAMES, position=[0.0] * 20)
+        message.header.stamp = stamp_from(round(1e9 * seconds))
+        told.append((graph, publisher, message))
+
+    def tell():
+        for graph, publisher, message in told:
+            publisher.publish(message)
             graph.spin(0.01)
+
+    graphs[0].until(
+        lambda: tell() or all(process.count('use_sim_time') for process in processes),
+        'warnings of both clocks',
+    )
+    for _ in range(100):
+        tell()
+    for process, (_, value, seconds) in zip(processes, cases, strict=True):
         assert process.count('[WARN]') == 1, process.output
         (line,) = (line for line in process.lines if '[WARN]' in line)
         assert f'joint_states are stamped {seconds:.1f} s, but the clock of this' in line
@@ -326,11 +339,17 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     assert_commands(commands[heard:], Blend.of(scene.gait, 10, 1.0))
 
 
-def test_a_command_that_was_under_way_at_a_reset_is_void(make_graph):
+def test_a_command_that_was_under_way_at_a_reset_is_void(started):
     # A gait publishes at every tick, and cannot take back the last one.
-    sim = SimClient(make_graph(), 'scene:=lateral_undulation')
+    sim, graph = started['sim'], started['live']
     sim.wait_until_connected()
-    sim.advance_to(0.5)
+    for process in graph.processes[:]:
+        if process is not sim.process:
+            process.stop()
+            graph.processes.remove(process)
+    assert sim.reset().success
+    assert sim.pause(False).success
+    sim.advance_to(sim.now + 0.3)
     answer = sim.reset()
     (seconds,) = re.findall(r't = (\S+) s', answer.message)
     late = stamp_from(round(1e9 * float(seconds)))

@@ -20,8 +20,9 @@ from offline import (
     wire_axes,
 )
 import pytest
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from sim_client import SimClient
+from sim_client import connected, SimClient
 from std_srvs.srv import Trigger
 
 from snake_sim_ros import Report
@@ -47,9 +48,7 @@ def sims(make_graph):
         SimClient(make_graph(), *parameters)
         for parameters in ([], ['start_paused:=true'], ['start_paused:=true'])
     ]
-    for client in clients:
-        client.wait_until_connected()
-    return clients
+    return connected(*clients)
 
 
 @pytest.fixture(scope='module')
@@ -279,9 +278,28 @@ def test_diagnostics_tell_how_the_run_is_doing(sims):
     assert int(values['rejected_commands']) == 0
 
 
-def test_steps_that_outlast_their_period_are_told(make_graph):
-    sim = SimClient(make_graph(), 'real_time_factor:=1000.0')  # periods of 5 us
-    sim.wait_until_connected()
+@pytest.mark.parametrize(('index', 'number'), [(0, signal.SIGTERM), (1, signal.SIGINT)])
+def test_nodes_end_well_on_signals(sims, index, number):
+    # One sim is running and one is paused.
+    process = sims[index].process
+    assert process.stop(number) == 0, process.output
+    assert 'Traceback' not in process.output
+
+
+def set_factor(sim, factor):
+    """Set the real-time factor of a node."""
+    item = Parameter('real_time_factor', value=factor).to_parameter_msg()
+    request = SetParameters.Request(parameters=[item])
+    (result,) = sim.graph.call(SetParameters, 'sim/set_parameters', request).results
+    assert result.successful, result.reason
+
+
+def test_steps_that_outlast_their_period_are_told(sims):
+    sim = sims[2]
+    sim.reset()  # ends the stream of commands, so that its end is no warning
+    begin, before = len(sim.process.lines), sim.process.count('longer than')
+    set_factor(sim, 1000.0)  # periods of 5 us
+    assert sim.pause(False).success
     sim.process.wait_for('longer than their publish period of 0.005 ms')
     what = (
         r'20 steps took \S+ ms, longer than their publish period of 0.005 ms: \S+ ms of it '
@@ -291,13 +309,26 @@ def test_steps_that_outlast_their_period_are_told(make_graph):
     took, when = re.fullmatch(r'(\S+) ms at t = (\S+) s', sim.values()['longest_step']).groups()
     assert float(took) > 0.0 and float(when) >= 0.0
     sim.graph.until(lambda: sim.now >= float(when), 'the time of that step')
+    # The next warning is due five seconds after the first one; most of this time it rests.
+    assert sim.pause(True).success
+    sim.graph.spin(2.0)
+    assert sim.pause(False).success
     slips = 'cannot keep up with real-time factor 1000, time slips: '
     sim.process.wait_for(slips)
-    warnings = [line for line in sim.process.lines if '[WARN]' in line]
+    warnings = [line for line in sim.process.lines[begin:] if '[WARN]' in line]
     found = [re.fullmatch(r'\[WARN\] \[(\S+)\] \[sim\]: (.*)', line) for line in warnings]
     assert np.diff([float(match[1]) for match in found]).min() > 4.9  # one in five seconds
-    assert re.fullmatch(what, found[0][2])
+    # On a busy machine it may have been late in lock-step, less than five seconds ago.
+    assert re.fullmatch((f'({slips})?' if before else '') + what, found[0][2])
     assert all(re.fullmatch(slips + what, match[2]) for match in found[1:])
+
+
+def test_node_as_fast_as_it_can_ends_well_on_sigterm(sims):
+    sim = sims[2]
+    set_factor(sim, 0.0)
+    # The signal comes in the middle of a period.
+    assert sim.process.stop(signal.SIGTERM) == 0, sim.process.output
+    assert 'Traceback' not in sim.process.output
 
 
 def test_reasons_of_slow_steps():
@@ -315,7 +346,7 @@ def test_reasons_of_slow_steps():
 def test_steps_that_a_budget_cuts_are_told_and_counted(make_graph):
     # No step reaches this tolerance.
     never = 'level:=spatial', 'solver.residual_tolerance:=1.0e-300'
-    sim = SimClient(make_graph(), 'iteration_budget:=100', *never)
+    sim = SimClient(make_graph(), 'iteration_budget:=100', 'real_time_factor:=0.1', *never)
     sim.wait_until_connected()
     told = 's were cut, since they share 100 iterations: residual '
     sim.process.wait_for(told)
@@ -369,21 +400,3 @@ def test_node_ends_well_while_it_imports(make_graph, number):
         time.sleep(0.001)
     assert process.stop(number) == 0
     assert not process.output
-
-
-def test_node_as_fast_as_it_can_ends_well_on_sigterm(make_graph):
-    sim = SimClient(make_graph(), 'real_time_factor:=0.0')
-    sim.wait_until_connected()
-    # The signal comes in the middle of a period.
-    assert sim.process.stop(signal.SIGTERM) == 0, sim.process.output
-    assert 'Traceback' not in sim.process.output
-
-
-@pytest.mark.parametrize(
-    ('index', 'number'), [(0, signal.SIGTERM), (1, signal.SIGINT), (2, signal.SIGTERM)]
-)
-def test_nodes_end_well_on_signals(sims, index, number):
-    # One sim is running and two are paused.
-    process = sims[index].process
-    assert process.stop(number) == 0, process.output
-    assert 'Traceback' not in process.output

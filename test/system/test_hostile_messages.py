@@ -19,7 +19,7 @@ UNKNOWN = 10  # no type of parameter
 
 @pytest.fixture(scope='module')
 def sim(make_graph):
-    client = SimClient(make_graph())
+    client = SimClient(make_graph(), 'publish_rate:=50.0')
     client.wait_until_connected()
     client.trajectories = client.graph.node.create_publisher(
         JointTrajectory, 'joint_trajectory', QoSProfile(depth=1)
@@ -68,6 +68,7 @@ def test_a_parameter_of_an_unknown_type_does_not_end_a_node(sim):
     assert not result.successful and '10 is not a valid' in result.reason
     value = ParameterValue(type=3, double_value=0.2)
     assert set_parameter(graph, 'sim', 'push_duration', value).successful
+    assert sim.process.stop() == 0, sim.process.output
 
 
 def test_gait_goes_on_and_says_once_that_no_cmd_vel_comes(make_graph):

@@ -26,6 +26,7 @@ from snake_sim_ros.nodes.received_commands import joint_trajectory, position_com
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.robot_description import robot_description
 
+RATE = 'publish_rate:=50.0'  # few messages of the robot that runs
 SCENE = load_scene('lateral_undulation')
 LIMIT = SCENE.robot.joint_limit
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -37,7 +38,7 @@ def started(make_graph):
     """A sim in lock-step, and one that runs as the robot aiko."""
     return connected(
         SimClient(make_graph(), 'start_paused:=true', 'command_timeout:=0.2'),
-        SimClient(make_graph(), '-r __ns:=/aiko', 'publish_clock:=false', namespace='aiko'),
+        SimClient(make_graph(), '-r __ns:=/aiko', RATE, 'publish_clock:=false', namespace='aiko'),
     )
 
 
@@ -385,7 +386,7 @@ def test_every_parameter_is_described(aiko):
 
 def test_a_real_time_factor_counts_at_once(aiko):
     graph = aiko.graph
-    assert set_parameters(aiko, real_time_factor=1e-4).successful  # a period is 50 s long
+    assert set_parameters(aiko, real_time_factor=1e-4).successful  # a period is 200 s long
     graph.spin(0.1)
     graph.drain(aiko.joint_states)
     count = len(aiko.joint_states)
@@ -397,7 +398,7 @@ def test_a_real_time_factor_counts_at_once(aiko):
     graph.until(lambda: len(aiko.diagnostics) > told + 1, 'diagnostics', 10)
     assert set_parameters(aiko, real_time_factor=1.0).successful
     assert aiko.pause(False).success
-    graph.until(lambda: len(aiko.joint_states) > count + 20, 'states')
+    graph.until(lambda: len(aiko.joint_states) > count + 5, 'states')
 
 
 # ---- what is published --------------------------------------------------------------------------
@@ -449,7 +450,7 @@ def test_states_reach_readers_of_both_kinds(aiko):
 def test_time_goes_on_over_resets(aiko):
     stamps = [nanoseconds(message) for message in aiko.joint_states]
     assert aiko.reset().success
-    aiko.graph.until(lambda: len(aiko.joint_states) > len(stamps) + 20, 'states')
+    aiko.graph.until(lambda: len(aiko.joint_states) > len(stamps) + 5, 'states')
     stamps = [nanoseconds(message) for message in aiko.joint_states]
     assert stamps == sorted(stamps)
 
@@ -459,3 +460,4 @@ def test_nodes_end_within_two_seconds(started):
         begin = time.monotonic()
         assert sim.process.stop(number) == 0, sim.process.output
         assert time.monotonic() - begin < 2.0
+        assert 'Traceback' not in sim.process.output

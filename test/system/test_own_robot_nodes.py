@@ -27,7 +27,9 @@ def urdf(tmp_path_factory):
 @pytest.fixture(scope='module')
 def sim(make_graph, urdf):
     """A sim of the robot in place of Aiko."""
-    client = SimClient(make_graph(), f'robot_description:={urdf}', 'imu_links:=module_2')
+    client = SimClient(
+        make_graph(), f'robot_description:={urdf}', 'imu_links:=module_2', 'publish_rate:=50.0'
+    )
     client.wait_until_connected()
     return client
 
@@ -76,6 +78,9 @@ def test_gait_commands_the_same_names(sim, urdf):
     # Lateral undulation of the default scene: joints that turn upright move, the others do not.
     assert np.ptp(angle[:, ::2], axis=0).min() > 0.01
     assert not angle[:, 1::2].any()
+    for process in sim.graph.processes:
+        assert process.stop() == 0, process.output
+    sim.graph.processes.clear()
 
 
 def test_what_is_no_robot_is_refused(make_graph, tmp_path):

@@ -265,7 +265,7 @@ class Fit:
         return count - ALIGNED * len(self.residuals) - len(self.x)
 
 
-class _Evaluations:
+class Evaluations:
     """Residuals and their derivatives, simulated in the threads of a pool."""
 
     def __init__(
@@ -359,7 +359,7 @@ def fit(
     low, high = np.array([unknown.bounds for unknown in unknowns]).T
     count = threads or core_count()
     with closing_pool(ThreadPoolExecutor(count)) as pool:
-        evaluate = _Evaluations(replay, unknowns, pool, count)
+        evaluate = Evaluations(replay, unknowns, pool, count)
         evaluate.report = progress or evaluate.report
         if np.abs(evaluate.flat(x)).min() >= LOST:
             raise ParameterError('every segment diverges with the values of the scene')
@@ -379,7 +379,7 @@ def fit(
 
 
 def _searched(
-    evaluate: _Evaluations, x: Array, low: Array, high: Array, most: int, seed: int
+    evaluate: Evaluations, x: Array, low: Array, high: Array, most: int, seed: int
 ) -> Array:
     """Return the best point of a CMA-ES search in a box around the start."""
     unknowns = evaluate.unknowns

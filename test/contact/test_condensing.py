@@ -90,7 +90,7 @@ def solved_again(model, problem, some, operator, history, fresh):
 def scenes():
     """Yield names, scenes and states with contacts of all kinds."""
     rng = np.random.default_rng(17)
-    for n in (1, 2, 5, 6, 8):
+    for n in (1, 2, 5, 6, 11):
         for name, friction in (('rolling', ROLLING), ('sliding', SLIDING)):
             robot = random_robot(rng, n)
             scene = Scene(robot=robot, friction=friction, level='spatial')

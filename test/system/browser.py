@@ -27,12 +27,6 @@ FLAGS = (
     *('--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-port=0'),
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',  # no name leads anywhere
 )
-# Ten pictures a second instead of sixty, as each is drawn in software.
-FEWER_PICTURES = """
-const draw = requestAnimationFrame.bind(window);
-window.requestAnimationFrame = action => setTimeout(() => draw(action), 100);
-window.cancelAnimationFrame = clearTimeout;
-"""
 TEXT = 'input:not([type=hidden]):not([type=checkbox])'
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
@@ -66,7 +60,6 @@ class Browser:
         self.socket = connect(pages[0]['webSocketDebuggerUrl'], max_size=None)
         for domain in ('Page', 'Network', 'Runtime'):
             self.call(f'{domain}.enable')
-        self.call('Page.addScriptToEvaluateOnNewDocument', source=FEWER_PICTURES)
         self.resize(*size)
 
     def resize(self, width: int, height: int) -> None:

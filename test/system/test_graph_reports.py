@@ -2,22 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a sim node says of the graph around it and of the commands it gets, to real publishers."""
 
-from importlib.util import find_spec
 import math
-import time
+import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
-from forks import Forked
+from graph import Process
 import numpy as np
 from offline import HORIZON
 import pytest
 from rcl_interfaces.srv import SetParameters
-import rclpy
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
 from sim_client import connected, SimClient, with_twin
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -28,24 +24,25 @@ from snake_sim_ros.scene.parameters import load_scene
 
 NAMES = list(Robot().axis_names)
 SCENE = load_scene('lateral_undulation')
-RATE = 'publish_rate:=50.0'  # a quarter of the messages
-
-
-def talk(name):
-    """Publish a command for joint 1 until this process is killed, 20 times a second."""
-    rclpy.init()
-    publisher = Node(name).create_publisher(JointState, 'joint_command', 1)
-    while True:
-        publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
-        if publisher.get_subscription_count():
-            print('heard', flush=True)
-        time.sleep(0.05)
+# Publishes a command for joint 1 until it is killed, 50 times a second.
+TALKER = """
+import sys, time, rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+rclpy.init()
+publisher = Node(sys.argv[1]).create_publisher(JointState, 'joint_command', 1)
+while True:
+    publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
+    if publisher.get_subscription_count():
+        print('heard', flush=True)
+    time.sleep(0.02)
+"""
 
 
 @pytest.fixture(scope='module')
 def sims(make_graph):
     """A sim that runs, and one in lock-step."""
-    return connected(SimClient(make_graph(), RATE), SimClient(make_graph(), 'start_paused:=true'))
+    return connected(SimClient(make_graph()), SimClient(make_graph(), 'start_paused:=true'))
 
 
 @pytest.fixture(scope='module')
@@ -87,7 +84,7 @@ def talker(running):
     processes = []
 
     def start(name):
-        processes.append(Forked(talk, name, domain=running.graph.domain))
+        processes.append(Process([sys.executable, '-c', TALKER, name], running.graph.domain))
         processes[-1].wait_for('heard')
         return processes[-1]
 
@@ -158,6 +155,15 @@ def test_publishers_that_were_killed_are_not_rivals(running, refused, talker):
     assert running.process.count('publishers') == 1, running.process.output
 
 
+def test_two_clocks_are_told(make_graph):
+    sims = [SimClient(make_graph(), '-r __ns:=/one', namespace='one')]
+    sims[0].wait_until_connected()
+    other = sims[0].graph.start('sim', '-r __ns:=/two')
+    said = '/clock has 2 publishers, /one/sim, /two/sim: start all sims but one with publish_clock'
+    for process in (sims[0].process, other):
+        sims[0].graph.until(lambda process=process: process.count(said), said)
+
+
 def test_refusal_is_in_the_diagnostics_for_ten_seconds(running, refused, published):
     running.graph.until(
         lambda: refused not in published[-1][1].status[0].message, 'the end of the refusal'
@@ -185,6 +191,21 @@ def test_stamp_of_the_wall_clock_means_now(running):
     running.graph.until(
         lambda: abs(running.joint_states[-1].position[0] - 0.4) < 0.05, 'the end of the motion', 10
     )
+
+
+@pytest.mark.parametrize('node', ['sim', 'gait', 'viewer'])
+def test_parameter_that_there_is_not_is_named(running, node):
+    graph = running.graph
+    if node == 'viewer':
+        pytest.importorskip('viser')
+    if node != 'sim':
+        graph.start(node, *(['port:=0'] if node == 'viewer' else []))
+    items = [Parameter(name, value=1.0).to_parameter_msg() for name in ('no_such', 'scenes')]
+    request = SetParameters.Request(parameters=items)
+    results = graph.call(SetParameters, f'{node}/set_parameters', request).results
+    assert not any(result.successful for result in results)
+    assert results[0].reason.startswith("unknown parameter 'no_such'; ")
+    assert results[1].reason == "unknown parameter 'scenes'; did you mean 'scene'?"
 
 
 # ---- in lock-step -------------------------------------------------------------------------------
@@ -230,33 +251,3 @@ def test_large_trajectory_is_taken_before_the_next_step(lockstep):
     for _ in range(100):
         joint_states, *_ = sim.step()
     assert joint_states.position[16] == pytest.approx(0.3, abs=0.05)
-
-
-# ---- beside other nodes -------------------------------------------------------------------------
-
-
-@pytest.fixture(scope='module')
-def others(running):
-    """Start the other nodes beside the running sim."""
-    running.graph.start('gait', RATE)
-    if find_spec('viser'):
-        running.graph.start('viewer', 'port:=0')
-
-
-@pytest.mark.parametrize('node', ['sim', 'gait', 'viewer'])
-def test_parameter_that_there_is_not_is_named(running, others, node):
-    if node == 'viewer':
-        pytest.importorskip('viser')
-    items = [Parameter(name, value=1.0).to_parameter_msg() for name in ('no_such', 'scenes')]
-    request = SetParameters.Request(parameters=items)
-    results = running.graph.call(SetParameters, f'{node}/set_parameters', request).results
-    assert not any(result.successful for result in results)
-    assert results[0].reason.startswith("unknown parameter 'no_such'; ")
-    assert results[1].reason == "unknown parameter 'scenes'; did you mean 'scene'?"
-
-
-def test_two_clocks_are_told(running):
-    other = running.graph.start('sim', '-r __ns:=/two', RATE)
-    said = '/clock has 2 publishers, /sim, /two/sim: start all sims but one with publish_clock'
-    for process in (running.process, other):
-        running.graph.until(lambda process=process: process.count(said), said)

@@ -4,10 +4,13 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from snake_sim_ros import ParameterError
+from snake_sim_ros.scene.chain import angles_of, frames_at_rest, roll_pitch_yaw
 from snake_sim_ros.scene.urdf import robot_of_urdf
+from snake_sim_ros.view.frames import turned_to
 
 QUARTER = math.pi / 2
 FINE = 'ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"'
@@ -61,3 +64,49 @@ def refusal(text, **how):
     message = str(caught.value)
     assert '\n' not in message
     return message
+
+
+def written_from(robot, root):
+    """
+    Return a robot whose joints all lead forward as a URDF whose root is one of its links.
+
+    Links from link 1 to the root have other frames there, at their joints toward the root and with
+    any axes: a URDF has no choice where.
+    """
+    rng, (origin, turn) = np.random.default_rng(root), frames_at_rest(robot.joints)
+    place, axes = origin.copy(), turn.copy()
+    place[:root] = origin[1 : root + 1]
+    for i in range(root):
+        axes[i] = roll_pitch_yaw(rng.uniform(-3, 3, 3))
+
+    def pose(i, point, frame):
+        """Return a point and a frame in those of a link as the origin of an element."""
+        return at(axes[i].T @ (point - place[i]), angles_of(axes[i].T @ frame))
+
+    elements = []
+    for i, item in enumerate(robot.links):
+        shapes = ''
+        for each in item.shapes:
+            ends = [origin[i] + turn[i] @ end for end in (each.start, each.end)]
+            along = ends[1] - ends[0]
+            length = float(np.linalg.norm(along))
+            frame = turned_to(along / length)
+            geometry = f'<capsule radius="{each.radius!r}" length="{length!r}"/>'
+            shapes += shape(geometry, pose(i, (ends[0] + ends[1]) / 2, frame))
+        keys = zip(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), item.inertia, strict=True)
+        inertia = ' '.join(f'{key}="{value!r}"' for key, value in keys)
+        center = pose(i, origin[i] + turn[i] @ item.center_of_mass, turn[i])
+        elements.append(link(item.name, item.mass, inertia, center, shapes))
+    for j, hinge in enumerate(robot.joints):
+        parent, child, way = (j, j + 1, 1) if j >= root else (j + 1, j, -1)
+        turned = [turn[j + 1] @ axis for axis in (hinge.axis, hinge.second_axis) if axis]
+        found = [*zip(hinge.axis_names, turned, strict=True)][::way]
+        where = axes[parent].T @ (place[child] - place[parent])
+        angles, end = angles_of(axes[parent].T @ axes[child]), robot.links[parent].name
+        for k, (name, axis) in enumerate(found):
+            here = robot.links[child].name if k == len(found) - 1 else f'{name}_cross'
+            if k < len(found) - 1:
+                elements.append(link(here, None))
+            elements.append(joint(name, end, here, where, angles, way * axes[child].T @ axis))
+            end, where, angles = here, (0, 0, 0), (0, 0, 0)
+    return urdf(*elements)

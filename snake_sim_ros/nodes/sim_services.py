@@ -397,11 +397,7 @@ class EntityServices:
         robot, codes = self._simulation.scene.robot, standard.Result
         try:
             is_robot = request.entity == ROBOT_NAME
-            link = (
-                (0 if robot.links else robot.middle_link)
-                if is_robot
-                else link_index(request.entity, robot, 'entity')
-            )
+            link = robot.base_link if is_robot else link_index(request.entity, robot, 'entity')
         except ParameterError as error:
             return _answered(response, codes.RESULT_NOT_FOUND, f'{error}, the robot {ROBOT_NAME}')
         everywhere, q = self._simulation.state.q, self._simulation.state.q[link]

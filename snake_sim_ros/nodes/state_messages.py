@@ -41,7 +41,7 @@ MARK = math.pi  # a number that can be found in the bytes of a message
 
 def base_name(robot: Robot) -> str:
     """Return the name of the frame at the root of the tree of links."""
-    return robot.link_names[0] if robot.links else BASE
+    return robot.link_names[robot.base_link] if robot.links else BASE
 
 
 class SerializedMessage:
@@ -164,17 +164,17 @@ class StateMessages:
         self.twist[3:] = u[3:][WIRE_AXES] * TURNED
 
     def _fill_own_frames(self, state: State) -> None:
-        """Write the poses of the links' own frames; the base is that of the first link."""
-        position, orientation = own_poses(self.robot, state.q)
+        """Write the poses of the links' own frames, of which one is the base."""
+        base, (position, orientation) = self.robot.base_link, own_poses(self.robot, state.q)
         self.poses[:, :3] = position
         self.poses[:, 3:] = np.where(orientation[:, :1] < 0.0, -orientation, orientation)[
             :, [1, 2, 3, 0]
         ]
-        self.base[:] = self.poses[0]
-        chain, u, R = self.robot.chain, state.u[0], rotation_matrices(state.q[0, 3:])
-        linear = u[:3] + np.cross(R @ u[3:], R @ chain.frame_place[0])
+        self.base[:] = self.poses[base]
+        chain, u, R = self.robot.chain, state.u[base], rotation_matrices(state.q[base, 3:])
+        linear = u[:3] + np.cross(R @ u[3:], R @ chain.frame_place[base])
         self.twist[:3] = seen_from(self.base[3:].tolist(), linear.tolist())
-        self.twist[3:] = chain.frame[0].T @ u[3:]
+        self.twist[3:] = chain.frame[base].T @ u[3:]
 
 
 def seen_from(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:

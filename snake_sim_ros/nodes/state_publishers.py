@@ -40,7 +40,7 @@ from snake_sim_ros.recording.sensors import (
 )
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
-from snake_sim_ros.scene.robot_description import center_frame, robot_description
+from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -236,8 +236,7 @@ class SensorMessages:
         self.wrenches: dict[str, SerializedMessage] = {}
         self._readings: list[tuple[Array, Array, Array]] = []
         self._loads: list[Array] = []
-        names = reader.robot.link_names
-        frames = [center_frame(reader.robot, i) for i in range(len(names))]
+        names, frames = reader.robot.link_names, reader.robot.chain.center_names
         for link in reader.imu_links:
             name = names[link]
             message = _imu(sensors, frame_prefix + frames[link])

@@ -5,7 +5,9 @@ Any chain of links and joints: its records in a scene, and its geometry in the f
 
 A robot is given by numbers that are alike for all links (Aiko, section VIII-A), or link by link.
 Then a link has a frame of its own choice, as in a URDF: the frame of link i+1 is where `origin`
-and `rotation` of joint i put it in that of link i, turned about the axes of the joint.
+and `rotation` of joint i put it in that of link i, turned about the axes of the joint. The base of
+a URDF may be any of the links; from there to link 1 joints lead backward, and put the frame of
+link i in that of link i+1.
 
 The model has its own frames B, in which the equations of the paper hold: at the center of mass,
 e_z along the link to the next joint, e_y up and e_x to the left when the robot lies with all
@@ -28,6 +30,7 @@ SAME = 1e-12  # directions and lengths that differ by less are the same [1], [m]
 SQUARE = 1e-9  # largest cosine between two axes at right angles
 NOWHERE = (0.0, 0.0, 0.0)
 UPRIGHT = 0.9  # cosine between z and links that counts as links along z
+CENTER = '_center'  # after the name of a link: that of the frame at its center of mass
 YAW_SHARE = 0.1  # least part of an axis along e_y by which it may count as the yaw of a joint
 
 
@@ -66,6 +69,22 @@ class Mesh(CheckedRecord):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FixedFrame(CheckedRecord):
+    """A frame that moves with a link, such as that of an IMU or a camera."""
+
+    name: str = quantity('', '', 'name of the frame')
+    origin: Numbers = quantity(NOWHERE, 'm', 'its origin, in the frame of the link')
+    rotation: Numbers = quantity(NOWHERE, 'rad', 'its roll, pitch and yaw, as in a URDF')
+
+    def __post_init__(self) -> None:
+        """Check every field, and that it has a name."""
+        super().__post_init__()
+        _check_lengths(self, origin=3, rotation=3)
+        if not self.name:
+            raise ParameterError('a fixed frame must have a name, got none')
+
+
+@dataclass(frozen=True, kw_only=True)
 class Link(CheckedRecord):
     """One link of a chain, in a frame of its own choice."""
 
@@ -84,6 +103,7 @@ class Link(CheckedRecord):
     friction: float = quantity(
         1.0, '1', 'factor of all coefficients of friction of this link', minimum=0
     )
+    frames: tuple[FixedFrame, ...] = quantity((), '', 'further frames, such as that of an IMU')
 
     def __post_init__(self) -> None:
         """Check every field, and that a body can have the inertia."""
@@ -105,7 +125,13 @@ class Link(CheckedRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Joint(CheckedRecord):
-    """The joint between a link of a chain and the next one, with one axis or two."""
+    """
+    The joint between a link of a chain and the next one, with one axis or two.
+
+    If it leads backward, from the next link to this one, both change their parts: `origin` and
+    `rotation` put the frame of this link in that of the next one, and positive angles turn this
+    link about the axes, which are in its frame. The first axis is that nearer to this link.
+    """
 
     name: str = quantity('', '', 'name of the joint, and of its first axis')
     origin: Numbers = quantity(NOWHERE, 'm', 'frame of the next link: its origin, in this link')
@@ -115,6 +141,9 @@ class Joint(CheckedRecord):
         None, '1', 'second axis, at right angles to the first; default: none'
     )
     second_name: str = quantity('', '', 'name of the second axis; default: <name>_2')
+    backward: bool = quantity(
+        False, '', 'whether it puts this link in the next one, which is then the one before'
+    )
 
     def __post_init__(self) -> None:
         """Check every field, and that the axes are directions at right angles."""
@@ -216,11 +245,12 @@ class Chain(NamedTuple):
     frame: Array  # (n, 3, 3) the link's own frame in B
     frame_turn: Array  # (n, 4) the same as Euler parameters
     link_names: tuple[str, ...]
+    center_names: tuple[str, ...]  # of the frames at the centers, in which sensors measure
 
 
 def chain_of_equal_links(robot: Any) -> Chain:
     """Return the chain of a robot whose links are given by numbers, with two axes a joint."""
-    n = robot.link_count
+    n, names = robot.link_count, tuple(f'link_{i + 1}' for i in range(robot.link_count))
     half, offset = robot.per_link('link_length') / 2, robot.per_link('contact_offset')
     radius, along = robot.per_link('contact_radius'), np.tile([0.0, 0.0, 1.0], (n, 1))
     across, axial = (robot.per_link(f'inertia_{name}') for name in ('transversal', 'axial'))
@@ -251,7 +281,8 @@ def chain_of_equal_links(robot: Any) -> Chain:
         frame_place=np.zeros((n, 3)),
         frame=np.tile(np.eye(3)[[2, 0, 1]].T, (n, 1, 1)),
         frame_turn=np.tile([0.5, -0.5, -0.5, -0.5], (n, 1)),
-        link_names=tuple(f'link_{i + 1}' for i in range(n)),
+        link_names=names,
+        center_names=names,
     )  # fmt: skip
 
 
@@ -266,16 +297,14 @@ def chain_of_links(
     links : tuple of Link, length n
     joints : tuple of Joint, length n-1
     up : tuple of 3 float, optional
-        Direction that is up when the robot lies on a floor, in the frame of the first link.
-        Default: z, or x if the links are along z.
+        Direction that is up when the robot lies on a floor, in the frame of the base. Default: z,
+        or x if the links are along z.
 
     """
-    n, origin, turn = len(links), np.zeros((len(links), 3)), np.tile(np.eye(3), (len(links), 1, 1))
-    for j, joint in enumerate(joints):
-        origin[j + 1] = origin[j] + turn[j] @ joint.origin
-        turn[j + 1] = turn[j] @ roll_pitch_yaw(joint.rotation)
+    n, (origin, turn) = len(links), frames_at_rest(joints)
+    carried = [j if joint.backward else j + 1 for j, joint in enumerate(joints)]
     center = origin + np.einsum('ijk,ik->ij', turn, [link.center_of_mass for link in links])
-    along = directions_along(center, origin[1:])
+    along = directions_along(center, origin[carried])
     upright = np.abs(along[:, 2]).min() > UPRIGHT
     B = link_frames(along, np.array(up or ((1.0, 0.0, 0.0) if upright else (0.0, 0.0, 1.0))))
 
@@ -285,16 +314,17 @@ def chain_of_links(
 
     distal, proximal = np.zeros((n, 3)), np.zeros((n, 3))
     inner, outer, present = np.zeros((n - 1, 3, 3)), np.zeros((n - 1, 3, 3)), np.zeros((n - 1, 2))
-    axes, signs, names = [], [], []
-    for j, joint in enumerate(joints):
-        distal[j], proximal[j + 1] = local(j, origin[j + 1]), local(j + 1, origin[j + 1])
-        frame, found = joint_frame(joint, turn[j + 1], B[j])
+    axes, signs, axis_names = [], [], []
+    for j, (joint, child) in enumerate(zip(joints, carried, strict=True)):
+        distal[j], proximal[j + 1] = local(j, origin[child]), local(j + 1, origin[child])
+        frame, found = joint_frame(joint, turn[child], B[j])
         inner[j], outer[j] = snapped(B[j].T @ frame), snapped(B[j + 1].T @ frame)
         for name, (slot, sign) in zip(joint.axis_names, found, strict=True):
             present[j, slot] = 1.0
             axes.append((j, slot))
             signs.append(sign)
-            names.append(name)
+            axis_names.append(name)
+    names = tuple(link.name or f'link_{i + 1}' for i, link in enumerate(links))
     unit = np.eye(3)
     aligned = bool((inner == unit).all() and (outer == unit).all())
     own = np.array([turn[i].T @ B[i] for i in range(n)])
@@ -317,12 +347,43 @@ def chain_of_links(
         capsules=capsules_of(shapes),
         axes=np.array(axes, dtype=int).reshape(-1, 2),
         signs=np.array(signs),
-        names=tuple(names),
+        names=tuple(axis_names),
         frame_place=np.array([local(i, origin[i]) for i in range(n)]),
         frame=np.array([each.T for each in own]),
         frame_turn=euler_parameters(np.array([each.T for each in own])),
-        link_names=tuple(link.name or f'link_{i + 1}' for i, link in enumerate(links)),
+        link_names=names,
+        center_names=tuple(name + CENTER for name in names),
     )  # fmt: skip
+
+
+def base_of(joints: tuple[Joint, ...]) -> int:
+    """Return the index of the link from which the joints lead, backward and forward."""
+    return sum(joint.backward for joint in joints)
+
+
+def frames_at_rest(joints: tuple[Joint, ...]) -> tuple[Array, Array]:
+    """
+    Return the links' own frames in that of the base.
+
+    Parameters
+    ----------
+    joints : tuple of Joint, length n-1
+
+    Returns
+    -------
+    origin : ndarray, shape (n, 3)
+        [m]
+    turn : ndarray, shape (n, 3, 3)
+
+    """
+    n, base = len(joints) + 1, base_of(joints)
+    origin, turn = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+    ways = [(j + 1, j) for j in reversed(range(base))] + [(j, j + 1) for j in range(base, n - 1)]
+    for parent, child in ways:
+        joint = joints[min(parent, child)]
+        origin[child] = origin[parent] + turn[parent] @ joint.origin
+        turn[child] = turn[parent] @ roll_pitch_yaw(joint.rotation)
+    return origin, turn
 
 
 def directions_along(center: Array, joints: Array) -> Array:
@@ -378,7 +439,7 @@ def joint_frame(joint: Joint, turn: Array, B: Array) -> tuple[Array, list[tuple[
     ----------
     joint : Joint
     turn : ndarray, shape (3, 3)
-        Frame of the link after the joint.
+        Frame of the link after the joint, of the one before it if the joint leads backward.
     B : ndarray, shape (3, 3)
         Frame B of the link before it.
 
@@ -392,6 +453,7 @@ def joint_frame(joint: Joint, turn: Array, B: Array) -> tuple[Array, list[tuple[
         -1: the model turns about the opposite direction, to the left and downward like all others.
 
     """
+    turn = -turn if joint.backward else turn  # the next link turns the other way against this one
     first = turn @ np.array(joint.axis) / np.linalg.norm(joint.axis)
     upright, across = B[:, 1] @ first, B[:, 0] @ first
     if joint.second_axis is not None:

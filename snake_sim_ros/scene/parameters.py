@@ -23,7 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
-from snake_sim_ros.scene.chain import Chain, chain_of_equal_links, chain_of_links, Joint, Link
+from snake_sim_ros.scene.chain import (
+    base_of,
+    CENTER,
+    Chain,
+    chain_of_equal_links,
+    chain_of_links,
+    Joint,
+    Link,
+)
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     cut,
@@ -392,7 +400,7 @@ class Robot(CheckedRecord):
     )
     joints: tuple[Joint, ...] = quantity((), '', 'the joints between these links')
     up: Numbers | None = quantity(
-        None, '1', 'what is up in the frame of the first of these links; default: its z'
+        None, '1', 'what is up in the frame of the base, where joints begin; default: its z'
     )
 
     def __post_init__(self) -> None:
@@ -437,10 +445,19 @@ class Robot(CheckedRecord):
             )
         object.__setattr__(self, 'link_count', len(self.links))
         names = [name for joint in self.joints for name in joint.axis_names]
-        for what, given in (('joint axes', names), ('links', [link.name for link in self.links])):
+        named = [item.name for link in self.links for item in (link, *link.frames)]
+        if len(named) > len(self.links):
+            named += [link.name + CENTER for link in self.links]
+        for what, given in (('joint axes', names), ('links and their frames', named)):
             twice = sorted({name for name in given if given.count(name) > 1 and name})
             if twice:
                 raise ParameterError(f'names of {what} must differ, got {twice[0]!r} twice')
+        backward = [joint.backward for joint in self.joints]
+        if backward != sorted(backward, reverse=True):
+            raise ParameterError(
+                f'joints that lead backward must come before the others, got '
+                f'{self.joints[backward.index(False)].name or "another one"} before them'
+            )
         if not any(link.shapes for link in self.links):
             raise ParameterError('a link must have shapes to lie on: all links have none')
         _ = self.chain
@@ -580,6 +597,11 @@ class Robot(CheckedRecord):
         found, (axes, signs) = np.full(shape, absent), (self.chain.axes, self.chain.signs)
         found[..., axes[:, 0], axes[:, 1]] = signs * values
         return found
+
+    @property
+    def base_link(self) -> int:
+        """Index of the link in whose frame the base is: the middle one, or where joints begin."""
+        return base_of(self.joints) if self.links else self.middle_link
 
     @property
     def middle_link(self) -> int:
@@ -754,8 +776,9 @@ def load_robot(
     ----------
     source : str, Path or mapping
         A YAML file or the name of a robot in config/; a URDF, as a file or as a text; or a mapping
-        of values. Its key `urdf` names a URDF, `base` the link that begins the chain, and
-        `replace_inertia: true` replaces inertias that cannot be.
+        of values. Its key `urdf` names a URDF, `base` a link in whose frame the base is, `head`
+        one at the end that comes first, and `replace_inertia: true` replaces inertias that cannot
+        be.
     folder : Path, optional
         Where files are searched.
     where : str, optional
@@ -771,7 +794,8 @@ def load_robot(
     """
     if isinstance(source, Mapping) and 'urdf' in source:
         given = dict(source)
-        options = {'base': given.pop('base', ''), 'replace': given.pop('replace_inertia', False)}
+        keys = ('base', 'head', 'replace_inertia')
+        options = {key: given.pop(key) for key in keys if key in given}
         values = _values_of_urdf(given.pop('urdf'), folder, where, **options)
         robot: Robot = from_mapping(Robot, values | given, where)
         return robot
@@ -788,9 +812,7 @@ def load_robot(
     return robot
 
 
-def _values_of_urdf(
-    source: str, folder: Path, where: str, base: str = '', *, replace: bool = False
-) -> dict[str, Any]:
+def _values_of_urdf(source: str, folder: Path, where: str, **options: Any) -> dict[str, Any]:
     """Return the values that a URDF, a text or a file, gives a robot; log what it leaves out."""
     from snake_sim_ros.scene.urdf import robot_of_urdf
 
@@ -798,7 +820,7 @@ def _values_of_urdf(
     if not source.lstrip().startswith('<'):
         path = find_file(source, folder, where)
         source, folder, name = read_text(path), path.parent, path.name
-    found = robot_of_urdf(source, folder=folder, base=base, replace_inertia=replace, name=name)
+    found = robot_of_urdf(source, folder=folder, name=name, **options)
     for remark in found.remarks:
         LOG.warning('%s: %s', name, remark)
     return found.values

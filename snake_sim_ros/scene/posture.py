@@ -116,7 +116,7 @@ def pose_of_middle(
     robot: Robot, q: Array, position: Array, orientation: Array
 ) -> tuple[Array, Array]:
     """
-    Return the pose of the middle link when the first link's own frame is moved to a pose.
+    Return the pose of the middle link when the own frame of the base is moved to a pose.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def pose_of_middle(
 
     """
     place, own = own_poses(robot, q)
-    turn = product(orientation, own[0] * CONJUGATE)
+    turn = product(orientation, own[robot.base_link] * CONJUGATE)
     middle = q[robot.middle_link]
-    arm = rotation_matrices(turn) @ (middle[:3] - place[0])
+    arm = rotation_matrices(turn) @ (middle[:3] - place[robot.base_link])
     return position + arm, product(turn, middle[3:])
 
 

@@ -23,10 +23,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import angles_of, Shape
+from snake_sim_ros.scene.chain import angles_of, FixedFrame, Shape
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.urdf import robot_of_urdf
+from snake_sim_ros.scene.urdf_elements import EXTENSION
 
 # Mass and moments of inertia of a cross, relative to those of the link that hangs on it. Parsers
 # accept moments above 1e-14 kg m^2, which those of 200 links of 7 mm still exceed.
@@ -84,12 +85,15 @@ def robot_description(robot: Robot) -> str:
 
 def _add_chain(root: ElementTree.Element, robot: Robot) -> None:
     """
-    Append links and joints that are given one by one, in their own frames, from the first on.
+    Append links and joints that are given one by one, in their own frames, from the base on.
 
-    Each link carries a frame at its center of mass, `center_frame`, in which sensors measure. A
-    joint with two axes has a `cross` between both, as those of Aiko have.
+    Each link carries its further frames, and one at its center of mass, in which sensors measure.
+    A joint with two axes has a `cross` between both, as those of Aiko have. If the base is not
+    link 1, `snake_sim` says which end of the chain is the first.
     """
     chain = robot.chain
+    if robot.base_link:
+        element(root, EXTENSION, head=robot.link_names[0])
     for i, (item, name) in enumerate(zip(robot.links, robot.link_names, strict=True)):
         link = element(root, 'link', name=name)
         inertial = element(link, 'inertial')
@@ -105,14 +109,17 @@ def _add_chain(root: ElementTree.Element, robot: Robot) -> None:
             file = Path(mesh.file).absolute().as_uri()
             element(element(part, 'geometry'), 'mesh', filename=file, scale=mesh.scale)
         turn = angles_of(chain.frame[i].T @ TO_WIRE_FRAME)
-        element(root, 'link', name=center_frame(robot, i))
-        fixed = _join(root, center_frame(robot, i), name, center_frame(robot, i), 0.0)
-        element(fixed, 'origin', xyz=item.center_of_mass, rpy=turn)
+        center = FixedFrame(name=chain.center_names[i], origin=item.center_of_mass, rotation=turn)
+        for frame in (center, *item.frames):
+            element(root, 'link', name=frame.name)
+            fixed = _join(root, f'{frame.name}_fixed', name, frame.name, 0.0)
+            element(fixed, 'origin', xyz=frame.origin, rpy=frame.rotation)
     for j, hinge in enumerate(robot.joints):
-        parent, child = robot.link_names[j : j + 2]
         places = [(k, slot) for k, (at, slot) in enumerate(chain.axes.tolist()) if at == j]
         axes = [axis for axis in (hinge.axis, hinge.second_axis) if axis is not None]
-        for m, ((k, slot), axis) in enumerate(zip(places, axes, strict=True)):
+        way = -1 if hinge.backward else 1
+        parent, child = robot.link_names[j : j + 2][::way]
+        for m, ((k, slot), axis) in enumerate([*zip(places, axes, strict=True)][::way]):
             here = child if m == len(places) - 1 else f'{chain.names[k]}_cross'
             joint = _join(root, chain.names[k], parent, here, 0.0, 'revolute')
             if m == 0:
@@ -155,11 +162,6 @@ def _add_capsule(link: ElementTree.Element, color: str, shape: Shape) -> None:
         element(element(part, 'geometry'), 'cylinder', radius=shape.radius, length=length)
 
 
-def center_frame(robot: Robot, i: int) -> str:
-    """Return the name of the frame at the center of link i: x along it, z up as it lies flat."""
-    return f'{robot.link_names[i]}_center' if robot.links else robot.link_names[i]
-
-
 def robot_of(urdf: str) -> Robot:
     """
     Return the robot that a URDF describes; gains are the defaults.
@@ -175,11 +177,11 @@ def robot_of(urdf: str) -> Robot:
     try:
         root = ElementTree.fromstring(urdf)
         links = {link.get('name', ''): link for link in root.iter('link')}
-        if not {'base_link', 'link_1_end', 'link_2_end'} & {*links}:
+        joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
+        if 'base' not in joints and not {'link_1_end', 'link_2_end'} & {*links}:
             found = robot_of_urdf(urdf, replace_inertia=True)
             return Robot(**found.values)
         n = sum(name.startswith('link_') and not name.endswith('_end') for name in links)
-        joints = {joint.get('name', ''): joint for joint in root.iter('joint')}
         limit = _child(joints['joint_1_yaw'], 'limit')
         limits = {name: float(limit[name]) for name in ('upper', 'velocity')}
         rows = [_robot_link(links[f'link_{i + 1}'], joints) for i in range(n)]

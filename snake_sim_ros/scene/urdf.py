@@ -5,7 +5,7 @@ Robots from a URDF: the links and joints of a serial chain, and the limits of it
 
 What fixed joints hold together becomes one link, in the frame of its first part. A frame without
 mass and shapes between two joints, whose axes meet at right angles there, makes one joint with two
-axes of them.
+axes of them. The root is anywhere in the chain: joints from there toward link 1 lead backward.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import angles_of, Array, Joint, Link, Mesh, SQUARE
+from snake_sim_ros.scene.chain import (
+    angles_of,
+    Array,
+    CENTER,
+    FixedFrame,
+    Joint,
+    Link,
+    Mesh,
+    SQUARE,
+)
 from snake_sim_ros.scene.checked_records import cut, LONGEST_PATH, MOST, ParameterError, quoted
 from snake_sim_ros.scene.solids import (
     Body,
@@ -31,6 +40,7 @@ from snake_sim_ros.scene.solids import (
 from snake_sim_ros.scene.urdf_elements import Hinge, Part, read
 
 TOUCHING = 1e-9  # axes that are nearer to each other meet [m]
+LIGHT = 1e-5  # of the mass of a neighbor: frames have some where a program wants all to have it
 TOO_FAR = 2.0  # times the distance within which the shapes of a link are, that of its mass
 DENSEST = 22_600.0  # osmium [kg/m^3]
 LARGEST_ANGLE = math.pi / 2  # that the joints of a robot may have as limit [rad]
@@ -51,14 +61,28 @@ class Rigid(NamedTuple):
     leaving: list[tuple[Hinge, Array]]  # joints to other links, with the frames of the children
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parts."""
+        return tuple(part.name for part, _ in self.parts)
+
+    @property
     def name(self) -> str:
-        """Name of the first part."""
+        """Name of the first part, for messages."""
         return cut(self.parts[0][0].name)
+
+    @property
+    def mass(self) -> float:
+        """Mass of all parts [kg]."""
+        return sum(part.mass for part, _ in self.parts)
+
+    def is_light(self, mass: float) -> bool:
+        """Whether it has no shapes, and hardly any mass beside another one [kg]."""
+        return self.mass <= LIGHT * mass and not any(part.solids for part, _ in self.parts)
 
     @property
     def is_frame(self) -> bool:
         """Whether it is a frame only, without mass and shapes."""
-        return not any(part.mass or part.solids for part, _ in self.parts)
+        return self.is_light(0.0)
 
 
 def robot_of_urdf(
@@ -66,6 +90,7 @@ def robot_of_urdf(
     *,
     folder: Path | None = None,
     base: str = '',
+    head: str = '',
     replace_inertia: bool = False,
     name: str = 'robot_description',
 ) -> FromUrdf:
@@ -82,8 +107,12 @@ def robot_of_urdf(
     folder : Path, optional
         Folder of its file. Meshes are searched there, those of a package also above it.
     base : str, optional
-        Link that begins the chain, in whose frame `Robot.up` is; default: the root. A root that is
-        a frame only, without mass and shapes, is left out with the joint after it.
+        Part of the root in whose frame the base and `Robot.up` are; default: the root itself. A
+        root that is a frame only, without mass and shapes, is left out with the joint after it.
+    head : str, optional
+        Link at the end of the chain that comes first; default: what the URDF says in an element
+        ``<snake_sim head="..."/>``, else the root if it is at an end, else the link at the end of
+        the first of its joints in the file.
     replace_inertia : bool, optional
         Whether inertias that are missing or cannot be are replaced by those of uniform solids with
         the mass and the shapes of the link. Centers of mass stay those of the URDF.
@@ -103,17 +132,18 @@ def robot_of_urdf(
     """
     remarks: list[str] = []
     try:
-        parts, hinges = read(text)
-        chain = serial_chain(parts, hinges)
-        while len(chain) > 1 and chain[0].is_frame:
-            hinge, _ = chain.pop(0).leaving[0]
+        parts, hinges, wanted = read(text)
+        root, carried = tree(parts, hinges)
+        while root.is_frame and len(root.leaving) == 1:
+            ((hinge, _),) = root.leaving
+            root = carried.pop(hinge.child)
             remarks.append(
                 f'joint {cut(hinge.name)} is left out: link {cut(hinge.parent)} has neither mass '
                 f'nor shapes, so that the robot is free'
             )
         if base:
-            chain[0] = at_base(chain, base)
-        joints = joints_of(chain)
+            root = at_base(root, base, parts)
+        chain, joints = serial_chain(root, carried, head or wanted, remarks)
         size = sum(float(np.linalg.norm(hinge.pose[:3, 3])) for hinge in hinges)
         bodies = Bodies(Meshes(folder, {}), replace_inertia, size or math.inf, [], [], [], [])
         links = tuple(bodies.link(rigid) for rigid in chain)
@@ -147,8 +177,11 @@ def some(texts: Iterable[str]) -> str:
 # ---- the chain ----------------------------------------------------------------------------------
 
 
-def serial_chain(parts: list[Part], hinges: list[Hinge]) -> list[Rigid]:
-    """Return the links of a chain from its root on."""
+Joints = list[tuple[Joint, tuple[Hinge, ...]]]  # with their axes
+
+
+def tree(parts: list[Part], hinges: list[Hinge]) -> tuple[Rigid, dict[str, Rigid]]:
+    """Return the root of a URDF, and all other links by the names of their first parts."""
     named = {part.name: part for part in parts}
     after: dict[str, list[Hinge]] = {name: [] for name in named}
     before: dict[str, Hinge] = {}
@@ -163,11 +196,10 @@ def serial_chain(parts: list[Part], hinges: list[Hinge]) -> list[Rigid]:
             )
         before[hinge.child] = hinge
         after[hinge.parent].append(hinge)
-    roots = [cut(name) for name in named if name not in before]
-    top = [name for name in named if name not in before][:1]
-    chain = []
-    while top:
-        rigid = Rigid([(named[top[0]], np.eye(4))], [])
+    roots = [name for name in named if name not in before]
+    tops, found = roots[:1], dict[str, Rigid]()
+    for top in tops:  # which grows
+        rigid = found[top] = Rigid([(named[top], np.eye(4))], [])
         for part, pose in rigid.parts:  # which grows
             for hinge in after[part.name]:
                 child = pose @ hinge.pose
@@ -175,67 +207,131 @@ def serial_chain(parts: list[Part], hinges: list[Hinge]) -> list[Rigid]:
                     rigid.parts.append((named[hinge.child], child))
                 else:
                     rigid.leaving.append((hinge, child))
-        if len(rigid.leaving) > 1:
-            raise ParameterError(
-                f'must be a chain, got the joints '
-                f'{some(cut(hinge.name) for hinge, _ in rigid.leaving)} on link {rigid.name}; '
-                f'begin at one end, and make joints beside the chain fixed'
-            )
-        chain.append(rigid)
-        top = [hinge.child for hinge, _ in rigid.leaving]
-    if len(roots) != 1 or sum(len(rigid.parts) for rigid in chain) < len(parts):
+        tops += [hinge.child for hinge, _ in rigid.leaving]
+    if len(roots) != 1 or sum(len(rigid.parts) for rigid in found.values()) < len(parts):
+        several = f'the roots {some(map(cut, roots))}'
         raise ParameterError(
             f'joints must connect all links to one root, got '
-            f'{f"the roots {some(roots)}" if len(roots) > 1 else "a circle of joints"}'
+            f'{several if len(roots) > 1 else "a circle of joints"}'
         )
-    return chain
+    return found.pop(roots[0]), found
 
 
-def at_base(chain: list[Rigid], base: str) -> Rigid:
-    """Return the first link of a chain in the frame of another one of its parts."""
-    parts, leaving = chain[0]
-    found = next((k for k, (part, _) in enumerate(parts) if part.name == base), None)
-    if found is None:
-        known = any(part.name == base for rigid in chain for part, _ in rigid.parts)
-        reason = 'is behind a joint: write the chain from there on' if known else 'is no link'
+def at_base(root: Rigid, base: str, parts: list[Part]) -> Rigid:
+    """Return the root in the frame of another one of its parts."""
+    if base not in root.names:
+        known = any(part.name == base for part in parts)
+        reason = 'is behind a joint; head names the link at the end that comes first'
         raise ParameterError(
-            f'base must be one of {some(cut(part.name) for part, _ in parts)}; '
-            f'{quoted(base)} {reason}'
+            f'base must be one of {some(map(cut, root.names))}; '
+            f'{quoted(base)} {reason if known else "is no link"}'
         )
-    back, (_, pose) = np.eye(4), parts[found]
-    back[:3, :3] = pose[:3, :3].T
-    back[:3, 3] = -back[:3, :3] @ pose[:3, 3]
-    parts = [parts[found], *parts[:found], *parts[found + 1 :]]
+    found = root.names.index(base)
+    back = inverse(root.parts[found][1])
+    ordered = [root.parts[found], *root.parts[:found], *root.parts[found + 1 :]]
     return Rigid(
-        [(part, back @ pose) for part, pose in parts],
-        [(hinge, back @ pose) for hinge, pose in leaving],
+        [(part, back @ pose) for part, pose in ordered],
+        [(hinge, back @ pose) for hinge, pose in root.leaving],
     )
 
 
-def joints_of(chain: list[Rigid]) -> list[tuple[Joint, tuple[Hinge, ...]]]:
-    """Return the joints of a chain and their axes; frames between two axes are taken out of it."""
-    joints: list[tuple[Joint, tuple[Hinge, ...]]] = []
-    while len(joints) < len(chain) - 1:
+def serial_chain(
+    root: Rigid, carried: dict[str, Rigid], head: str, remarks: list[str]
+) -> tuple[list[Rigid], Joints]:
+    """
+    Return the links of a chain in order, and its joints.
+
+    Parameters
+    ----------
+    root : Rigid
+    carried : dict
+        All other links by the names of their first parts.
+    head : str
+        Part of the link at the end that comes first; '' for the default, see `robot_of_urdf`.
+    remarks : list of str
+        Gets one if the root is between both ends and nothing says which of them comes first.
+
+    """
+    if root.is_frame and len(root.leaving) == 2:
+        root = beside(root, carried)
+    refuse_branches(root, [hinge for hinge, _ in root.leaving])
+    sides = [side_of(root, place, carried) for place in root.leaving]
+    is_between = len(sides) == 2
+    while len(sides) < 2:
+        sides.insert(0, [root])
+    ends = [side[-1] for side in sides]
+    if head and not any(head in end.names for end in ends):
+        raise ParameterError(
+            f'head must be a link at an end of the chain, such as {ends[0].name} or '
+            f'{ends[1].name}, got {quoted(head)}'
+        )
+    if is_between and not head:
+        remarks.append(
+            f'link {ends[0].name} is the first one, as the root is between both ends; '
+            f'head: {ends[1].name} turns the order round'
+        )
+    before, after = sides if not head or head in ends[0].names else sides[::-1]
+    joints = [*reversed(joints_of(before, backward=True)), *joints_of(after, backward=False)]
+    return [*before[:0:-1], root, *after[1:]], joints
+
+
+def beside(root: Rigid, carried: dict[str, Rigid]) -> Rigid:
+    """Return the first link on a root that is a frame between two joints, as root instead."""
+    (hinge, at), (other, pose) = root.leaving
+    part, link = root.parts[0][0], carried.pop(hinge.child)
+    # The frame coincides with that of the link, against which it turns the other way.
+    carried[part.name] = Rigid([(part, np.eye(4))], [(other, inverse(at) @ pose)])
+    turned = hinge._replace(child=part.name, axis=-hinge.axis)
+    return Rigid(link.parts, [*link.leaving, (turned, np.eye(4))])
+
+
+def side_of(root: Rigid, place: tuple[Hinge, Array], carried: dict[str, Rigid]) -> list[Rigid]:
+    """Return the links from the root, with one of its joints alone, to the end beyond it."""
+    side = [Rigid(root.parts, [place])]
+    while side[-1].leaving:
+        ((hinge, _),) = side[-1].leaving
+        side.append(carried[hinge.child])
+        refuse_branches(side[-1], [hinge, *(after for after, _ in side[-1].leaving)])
+    return side
+
+
+def refuse_branches(rigid: Rigid, hinges: list[Hinge]) -> None:
+    """Raise an error if a link has more than two joints."""
+    if len(hinges) > 2:
+        raise ParameterError(
+            f'must be a chain, with at most two moving joints on a link, got '
+            f'{some(cut(hinge.name) for hinge in hinges)} on link {rigid.name}; make joints '
+            f'beside the chain fixed'
+        )
+
+
+def joints_of(side: list[Rigid], *, backward: bool) -> Joints:
+    """Return the joints from the root to an end; frames between two axes are taken out of it."""
+    joints: Joints = []
+    while len(joints) < len(side) - 1:
         k = len(joints)
-        (hinge, pose), rigid = turning(chain[k]), chain[k + 1]
-        if not (rigid.is_frame and rigid.leaving):
-            joints.append((joint_at(pose, hinge, hinge.axis), (hinge,)))
-            continue
-        second, step = turning(chain.pop(k + 1))
-        axis = step[:3, :3].T @ hinge.axis
-        norms = float(np.linalg.norm(axis) * np.linalg.norm(second.axis))
-        cosine = float(axis @ second.axis) / norms if norms > 0.0 else 1.0
-        distance = float(np.linalg.norm(step[:3, 3]))
-        if abs(cosine) > SQUARE or distance > TOUCHING:
-            angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-            raise ParameterError(
-                f'link {rigid.name} has neither mass nor shapes: its joints {cut(hinge.name)} and '
-                f'{cut(second.name)} must be at one point and at right angles, got a distance of '
-                f'{distance:g} m and {angle:.6g} degrees; write angles with all their digits, or '
-                f'give the link a mass'
-            )
-        more = {'second_axis': tuple(second.axis.tolist()), 'second_name': second.name}
-        joints.append((joint_at(pose @ step, hinge, axis, **more), (hinge, second)))
+        (hinge, pose), rigid = turning(side[k]), side[k + 1]
+        if rigid.leaving and rigid.is_light(max(side[k].mass, side[k + 2].mass)):
+            second, step = turning(rigid)
+            axis = step[:3, :3].T @ hinge.axis
+            norms = float(np.linalg.norm(axis) * np.linalg.norm(second.axis))
+            cosine = float(axis @ second.axis) / norms if norms > 0.0 else 1.0
+            distance = float(np.linalg.norm(step[:3, 3]))
+            if abs(cosine) <= SQUARE and distance <= TOUCHING:
+                axes = [(hinge, axis), (second, second.axis)]
+                ordered = axes[::-1] if backward else axes
+                joints.append(joint_at(pose @ step, ordered, backward=backward))
+                del side[k + 1]
+                continue
+            if rigid.is_frame:
+                angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+                raise ParameterError(
+                    f'link {rigid.name} has neither mass nor shapes: its joints {cut(hinge.name)} '
+                    f'and {cut(second.name)} must be at one point and at right angles, got a '
+                    f'distance of {distance:g} m and {angle:.6g} degrees; write angles with all '
+                    f'their digits, or give the link a mass'
+                )
+        joints.append(joint_at(pose, [(hinge, hinge.axis)], backward=backward))
     return joints
 
 
@@ -255,15 +351,32 @@ def turning(rigid: Rigid) -> tuple[Hinge, Array]:
     return hinge, pose
 
 
-def joint_at(pose: Array, hinge: Hinge, axis: Array, **more: Any) -> Joint:
-    """Return a joint, with the frame (4, 4) of the link after it in that of the one before it."""
-    return Joint(
+def joint_at(
+    pose: Array, axes: list[tuple[Hinge, Array]], *, backward: bool
+) -> tuple[Joint, tuple[Hinge, ...]]:
+    """Return a joint and its axes, with the frame (4, 4) of its child in that of its parent."""
+    (hinge, axis), *others = axes
+    more: dict[str, Any] = {}
+    if others:
+        ((second, direction),) = others
+        more = {'second_axis': tuple(direction.tolist()), 'second_name': second.name}
+    made = Joint(
         name=hinge.name,
         origin=tuple(pose[:3, 3].tolist()),
         rotation=angles_of(pose[:3, :3]),
         axis=tuple(axis.tolist()),
+        backward=backward,
         **more,
     )
+    return made, tuple(hinge for hinge, _ in axes)
+
+
+def inverse(pose: Array) -> Array:
+    """Return the inverse of a frame (4, 4)."""
+    back = np.eye(4)
+    back[:3, :3] = pose[:3, :3].T
+    back[:3, 3] = -back[:3, :3] @ pose[:3, 3]
+    return back
 
 
 def limits_of(joints: list[tuple[Hinge, ...]], remarks: list[str]) -> dict[str, Any]:
@@ -327,14 +440,24 @@ class Bodies(NamedTuple):
                 shapes += [capsule(solid, pose) for solid in solids]
                 self.silent.extend(f'of link {rigid.name} {reason}' for reason in missing)
         meshes = [self.seen(mesh, pose) for part, pose in rigid.parts for mesh in part.meshes]
+        name = rigid.names[0]
+        frames = [
+            FixedFrame(
+                name=part.name,
+                origin=tuple(pose[:3, 3].tolist()),
+                rotation=angles_of(pose[:3, :3]),
+            )
+            for part, pose in rigid.parts[1:] if part.name != name + CENTER
+        ]  # fmt: skip
         try:
             return Link(
-                name=rigid.parts[0][0].name,
+                name=name,
                 mass=mass,
                 center_of_mass=tuple(center.tolist()),
                 inertia=tuple(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()),
                 shapes=tuple(shapes),
                 meshes=tuple(mesh for mesh in meshes if mesh),
+                frames=tuple(frames),
             )
         except ParameterError as error:
             raise ParameterError(f'link {rigid.name}: {error}') from None

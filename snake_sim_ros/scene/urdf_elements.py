@@ -23,6 +23,7 @@ from snake_sim_ros.scene.solids import SIZES, Solid
 Element = ElementTree.Element
 
 LEAST = {'': -MOST, ' above 0': math.ulp(0.0), ' of at least 0': 0.0}
+EXTENSION = 'snake_sim'  # element of a robot with what a URDF cannot say
 MOMENTS = ('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz')
 
 
@@ -55,8 +56,8 @@ class Hinge(NamedTuple):
     leader: str | None  # joint that it follows
 
 
-def read(text: str) -> tuple[list[Part], list[Hinge]]:
-    """Return the links and the joints of a URDF."""
+def read(text: str) -> tuple[list[Part], list[Hinge], str]:
+    """Return the links and the joints of a URDF, and the link that it names as head."""
     if len(text) > MOST_CHARACTERS:
         raise ParameterError(f'must have at most {MOST_CHARACTERS} characters, got {len(text)}')
     try:
@@ -77,7 +78,7 @@ def read(text: str) -> tuple[list[Part], list[Hinge]]:
                 raise ParameterError(
                     f'{kind} must differ in name, got {quoted(name)} {count} times'
                 )
-    return parts, hinges
+    return parts, hinges, child(root, EXTENSION).get('head', '')
 
 
 def part_of(element: Element) -> Part:

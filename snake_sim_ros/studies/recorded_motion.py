@@ -300,17 +300,18 @@ def _poses(
         both = [from_messages.poses(message, robot) for _, _, message in raw]
         position, orientation = (np.array(part)[:, links] for part in zip(*both, strict=True))
     else:
-        links = np.array([robot.middle_link if link is None else link - 1])
+        links = np.array([robot.base_link if link is None else link - 1])
         rows, turned = _single_poses(topic, raw, clock, robot.link_names[links[0]])
         time = np.array([moment for moment, _ in rows])
         numbers = np.array([pose for _, pose in rows])
-        wire = np.where(turned[:, None], _half_turned(numbers[:, 3:]), numbers[:, 3:])
         position = numbers[:, None, :3]
-        orientation = (wire @ from_messages.TO_WIRE.T)[:, None]
         if robot.links:
             own = numbers[:, None, [6, 3, 4, 5]]
             q = from_own_poses(robot, position, own, links)
             position, orientation = q[..., :3], q[..., 3:]
+        else:
+            wire = np.where(turned[:, None], _half_turned(numbers[:, 3:]), numbers[:, 3:])
+            orientation = (wire @ from_messages.TO_WIRE.T)[:, None]
     size = np.linalg.norm(orientation, axis=-1, keepdims=True)
     with np.errstate(invalid='ignore', divide='ignore'):
         orientation = orientation / size

@@ -109,7 +109,7 @@ def placed(robot: Robot, angle: Array, base: tuple[Array, Array] | None) -> Arra
         (yaw, pitch) [rad]
     base : tuple of ndarray, optional
         Position [m] and Euler parameters of `base_link`, the middle link turned around, with x
-        forward and z up; of a robot whose links are given one by one, those of its first link.
+        forward and z up; of a robot whose links are given one by one, those of its base link.
         Without it the robot lies on the floor around the origin, along x.
 
     """

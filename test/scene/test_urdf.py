@@ -10,6 +10,7 @@ import math
 import sys
 from xml.etree import ElementTree
 
+from modular import aiko_link_by_link, modular_robot
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -28,6 +29,7 @@ from urdf_texts import (
     SPHERE,
     TINY,
     urdf,
+    written_from,
 )
 
 from snake_sim_ros import Robot
@@ -35,6 +37,7 @@ from snake_sim_ros.scene.chain import angles_of, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.files import CONFIG, read_mapping
 from snake_sim_ros.scene.posture import chain_coordinates
+from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.urdf import robot_of_urdf
 
@@ -64,9 +67,9 @@ def random_part(rng, name):
     return link(name, rng.uniform(0.5, 1.5), inertia, origin)
 
 
-def random_urdf(seed, cardan=0.3):
+def random_urdf(seed, root=0, cardan=0.3):
     """Return a chain of links of up to three parts, with joints of one axis and of two."""
-    rng, elements = np.random.default_rng(seed), []
+    rng, elements, ends = np.random.default_rng(seed), [], []
     for i in range(5):
         elements.append(random_part(rng, f'link_{i}'))
         end = f'link_{i}'
@@ -76,18 +79,19 @@ def random_urdf(seed, cardan=0.3):
             elements.append(random_part(rng, part))
             elements.append(fixed(parent, part, rng.uniform(-0.1, 0.1, 3), rng.uniform(-3, 3, 3)))
             end = part if rng.uniform() < 0.7 else end
-        if i == 4:
-            break
+        ends.append(end)
+    for i in range(4):
         where, axis = (rng.uniform(-0.1, 0.1, 3), rng.uniform(-3, 3, 3)), rng.standard_normal(3)
+        end, child = (ends[i], i + 1) if i >= root else (ends[i + 1], i)
         if rng.uniform() > cardan:
-            elements.append(joint(f'hinge_{i}', end, f'link_{i + 1}', *where, axis))
+            elements.append(joint(f'hinge_{i}', end, f'link_{child}', *where, axis))
             continue
         angles = rng.uniform(-3, 3, 3)
         second = np.cross(roll_pitch_yaw(angles).T @ axis, rng.standard_normal(3))
         elements += [
             link(f'cross_{i}', None),
             joint(f'hinge_{i}', end, f'cross_{i}', *where, axis),
-            joint(f'hinge_{i}_b', f'cross_{i}', f'link_{i + 1}', (0, 0, 0), angles, second),
+            joint(f'hinge_{i}_b', f'cross_{i}', f'link_{child}', (0, 0, 0), angles, second),
         ]
     return urdf(*elements)
 
@@ -140,6 +144,7 @@ CHAINS = {
     'sea': sea(),
     'rsnake': rsnake(),
     **{f'random_{seed}': random_urdf(seed) for seed in range(8)},
+    **{f'root_{seed}': random_urdf(8 + seed, root=seed % 5) for seed in range(1, 15)},
 }
 each_chain = pytest.mark.parametrize('text', CHAINS.values(), ids=CHAINS.keys())
 
@@ -168,13 +173,13 @@ def frames_by_hand(text, angles):
 
 
 def frames_of(robot, angles):
-    """Return the frames of the links of a robot in that of the first one."""
+    """Return the frames of the links of a robot in that of the base."""
     columns = np.array([angles[name] for name in robot.axis_names])
     q = chain_coordinates(robot, robot.by_joint(columns, 0.0))
     R, frames = rotation_matrices(q[:, 3:]), np.tile(np.eye(4), (len(q), 1, 1))
     frames[:, :3, :3] = R @ robot.chain.frame
     frames[:, :3, 3] = q[:, :3] + np.einsum('ijk,ik->ij', R, robot.chain.frame_place)
-    frames = np.linalg.inv(frames[0]) @ frames
+    frames = np.linalg.inv(frames[robot.base_link]) @ frames
     return dict(zip((each.name for each in robot.links), frames, strict=True))
 
 
@@ -204,7 +209,7 @@ def test_kinematics_are_those_of_an_independent_reader(text):
     compiler.attrib.update(fusestatic='false', boundmass='1e-3', boundinertia='1e-6')
     model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding='unicode'))
     data = mujoco.MjData(model)
-    first = robot.links[0].name
+    first = robot.links[robot.base_link].name
     parts = frames_by_hand(text, {})
     for angles in postures(robot):
         for name, angle in angles.items():
@@ -629,7 +634,7 @@ def test_a_chain_begins_in_the_frame_of_its_base():
 @pytest.mark.parametrize(
     'base, reason',
     [
-        ('in_3', "'in_3' is behind a joint: write the chain from there on"),
+        ('in_3', "'in_3' is behind a joint; head names the link at the end that comes first"),
         ('in_4', "'in_4' is no link"),
     ],
 )
@@ -639,6 +644,99 @@ def test_a_base_that_does_not_begin_the_chain_is_refused(base, reason):
         message
         == f'robot_description: base must be one of root, in_0, body_0 and 1 more; {reason}'
     )
+
+
+ROBOTS = {'single axes': modular_robot(6), 'two axes': aiko_link_by_link(5)}
+
+
+def numbers_of(chain):
+    """Return all numbers of a chain by which it moves and touches, but for those of fast paths."""
+    fields = chain.mass, chain.inertia, chain.axes, chain.signs
+    fields = *fields, *chain.places, *chain.spheres, *chain.capsules
+    return np.hstack([np.ravel(each) for each in fields if not isinstance(each, bool)])
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_a_robot_does_not_depend_on_its_root(name):
+    expected = ROBOTS[name]
+    for root in range(expected.link_count):
+        text = written_from(expected, root)
+        robot = robot_from(text, head=expected.link_names[0])
+        assert robot.base_link == root and robot.link_names == expected.link_names
+        assert robot.axis_names == expected.axis_names
+        assert all(joint.backward == (j < root) for j, joint in enumerate(robot.joints))
+        # Sums and products of three numbers below 1 m, a few for each of six links.
+        assert np.abs(numbers_of(robot.chain) - numbers_of(expected.chain)).max() < 1e-14
+        for angles in postures(robot):
+            frames = frames_by_hand(text, angles)
+            for link_name, frame in frames_of(robot, angles).items():
+                assert np.abs(frame - frames[link_name]).max() < 1e-14
+        # And so does what is published of it.
+        again = robot_of(robot_description(robot))
+        assert again.base_link == root and again.link_names == robot.link_names
+        assert again.axis_names == robot.axis_names
+
+
+def test_the_urdf_of_aiko_whose_root_is_in_the_middle_is_aiko():
+    aiko = Robot()
+    robot = robot_from(robot_description(aiko))
+    assert robot.base_link == aiko.middle_link
+    assert robot.axis_names == aiko.axis_names and (robot.axis_signs == 1.0).all()
+    angles = np.random.default_rng(0).uniform(-0.7, 0.7, (10, 2))
+    # Twenty turns, each with a rounding or two, of links 0.12 m long.
+    q, expected = (chain_coordinates(each, angles) for each in (robot, aiko))
+    assert np.abs(q - q[0] - (expected - expected[0])).max() < 1e-14
+    assert np.abs(robot.chain.inertia - aiko.chain.inertia).max() < 1e-18
+
+
+def test_head_says_which_end_comes_first():
+    expected = modular_robot(5)
+    names, axes = expected.link_names, expected.axis_names
+    text = written_from(expected, 2)
+    found = robot_of_urdf(text)
+    assert Robot(**found.values).link_names == names
+    assert found.remarks == (
+        'link module_0 is the first one, as the root is between both ends; head: module_4 turns '
+        'the order round',
+    )
+    for root in range(5):
+        text = written_from(expected, root)
+        for head in names[0], names[4]:
+            found, way = robot_of_urdf(text, head=head), 1 if head == names[0] else -1
+            robot = Robot(**found.values)
+            assert robot.link_names == names[::way] and robot.axis_names == axes[::way]
+            assert robot.link_names[robot.base_link] == names[root] and not found.remarks
+            element = f'<snake_sim head="{head}"/></robot>'
+            assert robot_of_urdf(text.replace('</robot>', element)) == found
+    # A root at an end is first by itself, and needs no remark.
+    for root in (0, 4):
+        found = robot_of_urdf(written_from(expected, root))
+        assert found.values['links'][0].name == names[root] and not found.remarks
+
+
+@pytest.mark.parametrize('head, got', [('module_1', "'module_1'"), ('head', "'head'")])
+def test_a_head_that_is_not_at_an_end_is_refused(head, got):
+    assert refusal(written_from(modular_robot(4), 1), head=head) == (
+        f'robot_description: head must be a link at an end of the chain, such as module_0 or '
+        f'module_3, got {got}'
+    )
+
+
+def test_a_frame_between_two_axes_may_be_the_root():
+    text = urdf(
+        link('cross', None), *(link(name) for name in 'abcd'),
+        joint('one', 'cross', 'b', (0.1, 0.2, 0.3), (1, 2, 3), (0, 0, 1)),
+        joint('two', 'cross', 'c', (0.1, 0.2, 0.3), (1, 2, 3), (0, 1, 0)),
+        joint('zero', 'b', 'a'), joint('three', 'c', 'd'),
+    )  # fmt: skip
+    robot = robot_from(text)
+    assert robot.link_names == ('a', 'b', 'c', 'd') and robot.base_link == 1
+    assert robot.axis_names == ('zero', 'one', 'two', 'three')
+    for angles in postures(robot):
+        frames = frames_by_hand(text, angles)
+        for name, frame in frames_of(robot, angles).items():
+            assert np.abs(frame - np.linalg.inv(frames['b']) @ frames[name]).max() < 1e-15
+    assert 'got a distance of 0.1 m' in refusal(text.replace('0.1 0.2 0.3', '0.2 0.2 0.3', 1))
 
 
 @pytest.mark.parametrize('kind', ['floating', 'planar', 'revolute'])

@@ -11,6 +11,7 @@ import shlex
 from modular import modular_robot
 import numpy as np
 import pytest
+from urdf_texts import written_from
 
 from snake_sim_ros import (
     Friction,
@@ -104,6 +105,26 @@ def test_a_urdf_is_a_robot_wherever_a_robot_is_named(tmp_path):
     with pytest.raises(ParameterError, match=r'snake\.urdf: .*module_9'):
         load_scene(scene)
     assert load_robot(text, gains=SCENE.robot).yaw_stiffness == 20.0
+
+
+def test_a_robot_moves_alike_from_whichever_link_its_urdf_is_written(trajectory):
+    gains = {'yaw_stiffness': 20, 'pitch_stiffness': 20}
+    free = {'yaw_torque_limit': None, 'pitch_torque_limit': None}
+
+    def controller(simulation):
+        return 0.3 * np.sin(3.0 * simulation.time + np.arange(5))
+
+    moved = run(SCENE, controller=controller, rate=50)
+    for root in (0, 3, 5):
+        given = {'urdf': written_from(SCENE.robot, root), 'head': 'module_0', **gains, **free}
+        scene = replace(SCENE, robot=load_robot(given))
+        assert scene.robot.axis_names == NAMES and scene.robot.base_link == root
+        # Rounding of the frames, 1e-16 m, which contacts make larger by a factor of a few hundred.
+        found = simulate(scene, rate=50.0)
+        assert np.abs(found.coordinates - trajectory.coordinates).max() < 1e-9
+        found = run(scene, controller=controller, rate=50)
+        assert np.abs(found.joint_angle - moved.joint_angle).max() < 1e-9
+        assert np.abs(found.joint_torque - moved.joint_torque).max() < 1e-7  # 20 N m/rad
 
 
 def test_a_scene_and_a_run_survive_files(tmp_path, trajectory):

@@ -445,9 +445,9 @@ class Robot(CheckedRecord):
             )
         object.__setattr__(self, 'link_count', len(self.links))
         names = [name for joint in self.joints for name in joint.axis_names]
-        named = [item.name for link in self.links for item in (link, *link.frames)]
-        if len(named) > len(self.links):
-            named += [link.name + CENTER for link in self.links]
+        named = [link.name for link in self.links]
+        if frames := [frame.name for link in self.links for frame in link.frames]:
+            named += [*frames, *(name + CENTER for name in named if name)]
         for what, given in (('joint axes', names), ('links and their frames', named)):
             twice = sorted({name for name in given if given.count(name) > 1 and name})
             if twice:

@@ -122,6 +122,11 @@ def test_a_robot_moves_alike_from_whichever_link_its_urdf_is_written(trajectory)
         # Rounding of the frames, 1e-16 m, which contacts make larger by a factor of a few hundred.
         found = simulate(scene, rate=50.0)
         assert np.abs(found.coordinates - trajectory.coordinates).max() < 1e-9
+        # A viewer places it by the frame of its root.
+        position, orientation = own_poses(scene.robot, found.coordinates[-1])
+        angle = scene.robot.by_joint(found.joint_angle[-1], 0.0)
+        seen = placed(scene.robot, angle, (position[root], orientation[root]))
+        assert np.abs(seen[:, :3] - found.coordinates[-1, :, :3]).max() < 1e-9
         found = run(scene, controller=controller, rate=50)
         assert np.abs(found.joint_angle - moved.joint_angle).max() < 1e-9
         assert np.abs(found.joint_torque - moved.joint_torque).max() < 1e-7  # 20 N m/rad

@@ -6,6 +6,7 @@ import math
 from types import SimpleNamespace
 
 from geometry_msgs.msg import PoseArray
+from modular import modular_robot
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -14,13 +15,15 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from urdf_texts import written_from
 
 from snake_sim_ros import Robot, State
 from snake_sim_ros.nodes.diagnostics import shown, status_of
 from snake_sim_ros.nodes.messages import command_message, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.parameters import load_scene
+from snake_sim_ros.scene.parameters import load_robot, load_scene
+from snake_sim_ros.scene.posture import own_poses
 from snake_sim_ros.scene.rotations import FLAT, rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
 
@@ -52,6 +55,28 @@ def received(messages):
         odom=deserialize_message(bytes(messages.odom), Odometry),
         clock=deserialize_message(bytes(messages.clock), Clock),
     )
+
+
+@pytest.mark.parametrize('root', [0, 2])
+def test_the_base_of_a_robot_of_ones_own_is_the_root_of_its_urdf(root):
+    robot = load_robot({'urdf': written_from(modular_robot(4), root), 'head': 'module_0'})
+    rng = np.random.default_rng(root)
+    q = np.hstack([rng.uniform(-1, 1, (4, 3)), random_parameters(rng, 4)])
+    state = State(q, rng.uniform(-1, 1, (4, 6)))
+    odom = filled(state, robot).odom
+    assert odom.child_frame_id == f'module_{root}'
+    place, p = odom.pose.pose.position, odom.pose.pose.orientation
+    position, orientation = own_poses(robot, q)
+    assert [place.x, place.y, place.z] == pytest.approx(position[root], abs=ROUNDING)
+    axes = rotation_matrices(orientation[root])
+    assert wire_matrix(p) == pytest.approx(axes, abs=ROUNDING)
+    # Velocities of the origin of the frame, in its axes.
+    R, u = rotation_matrices(q[root, 3:]), state.u[root]
+    v, w = odom.twist.twist.linear, odom.twist.twist.angular
+    lever = position[root] - q[root, :3]
+    expected = u[:3] + np.cross(R @ u[3:], lever)
+    assert axes @ [v.x, v.y, v.z] == pytest.approx(expected, abs=4 * ROUNDING)
+    assert axes @ [w.x, w.y, w.z] == pytest.approx(R @ u[3:], abs=4 * ROUNDING)
 
 
 @pytest.fixture

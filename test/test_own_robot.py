@@ -25,7 +25,9 @@ from snake_sim_ros import (
     Wave,
 )
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
+from snake_sim_ros.recording.recorded_runs import write_csv
+from snake_sim_ros.recording.sensors import recorded_sensors, SensorReader, Sensors
+from snake_sim_ros.scene.chain import FixedFrame, roll_pitch_yaw
 from snake_sim_ros.scene.parameters import (
     load_robot,
     scene_from_text,
@@ -193,6 +195,44 @@ def test_sensors_have_the_names_of_the_links(trajectory):
         ParameterError, match="no link 'link_1'; the links are module_0 to module_5"
     ):
         Sensors(imu_links='link_1').links('imu_links', SCENE.robot)
+
+
+def test_an_imu_at_a_frame_measures_live_what_it_measures_recorded(tmp_path):
+    frame = FixedFrame(name='imu', origin=(0.01, 0.0, 0.02), rotation=(np.pi, 0.0, 0.3))
+    links = list(SCENE.robot.links)
+    links[2] = replace(links[2], frames=(frame, replace(frame, name='camera')))
+    scene = replace(SCENE, robot=replace(SCENE.robot, links=tuple(links)), duration=0.2)
+    sensors = Sensors(imu_links=('imu', 'module_2'), sensor_seed=3, imu_acceleration_noise=0.1)
+    readings, simulation = [], Simulation(scene)
+    reader = SensorReader(simulation, sensors, 4, 50.0)
+    for k in range(11):
+        if k:
+            simulation.advance(*simulation.gait_reference(4))
+        readings.append(reader.imus())
+    trajectory = simulate(scene, rate=50.0)
+    found = recorded_sensors(trajectory, sensors)
+    assert found['imu_name'].tolist() == ['module_2', 'imu'] and (found['imu_link'] == 3).all()
+    parts = 'orientation', 'angular_velocity', 'linear_acceleration'
+    recorded = np.concatenate([found[f'imu_{part}'] for part in parts], axis=-1)
+    assert (recorded == np.array(readings)).all()
+    # What one sensor measures, and its noise, does not depend on others.
+    for k, name in enumerate(('module_2', 'imu')):
+        alone = recorded_sensors(trajectory, replace(sensors, imu_links=name))
+        assert all(
+            (alone[f'imu_{part}'][:, 0] == found[f'imu_{part}'][:, k]).all() for part in parts
+        )
+    # The rate is that of the link: x y z of the center turned by the rotation of the frame.
+    turn = SCENE.robot.chain.frame[2][[2, 0, 1]] @ roll_pitch_yaw(frame.rotation)
+    omega = found['imu_angular_velocity']
+    assert np.abs(omega[:, 1] - omega[:, 0] @ turn).max() < 1e-14
+    write_csv(trajectory, tmp_path / 'run.csv', found)
+    with (tmp_path / 'run.csv').open(encoding='utf-8') as file:
+        rows = list(csv.DictReader(file))
+    column = [float(row['imu imu acceleration z [m/s^2]']) for row in rows]
+    assert column == found['imu_linear_acceleration'][:, 1, 2].tolist()
+    said = "no link 'nose'; the links are module_0 to module_5, their frames imu, camera"
+    with pytest.raises(ParameterError, match=said):
+        Sensors(imu_links='nose').imus(scene.robot)
 
 
 def test_frames_of_links_are_their_own(trajectory):

@@ -187,8 +187,8 @@ def sensors_of(options: argparse.Namespace, robot: Robot, rate: float) -> Sensor
                 raise ParameterError(f'links are given twice, by --{flag} and by --sensor {name}')
             values[name] = 'all' if 'all' in links else links
     sensors: Sensors = from_mapping(Sensors, values, '--sensor')
-    for name in OF_LINKS.values():
-        sensors.links(name, robot)
+    sensors.imus(robot)
+    sensors.links('contact_force_links', robot)
     sensors.states_in_sample(rate)
     return sensors
 

@@ -221,7 +221,7 @@ class SensorMessages:
     reader : SensorReader
     sensors : Sensors
     frame_prefix : str, optional
-        Prefix of the names of frames, which are those of the links.
+        Prefix of the names of frames.
 
     Attributes
     ----------
@@ -237,9 +237,8 @@ class SensorMessages:
         self._readings: list[tuple[Array, Array, Array]] = []
         self._loads: list[Array] = []
         names, frames = reader.robot.link_names, reader.robot.chain.center_names
-        for link in reader.imu_links:
-            name = names[link]
-            message = _imu(sensors, frame_prefix + frames[link])
+        for name, frame in zip(reader.imu_places.names, reader.imu_places.frames, strict=True):
+            message = _imu(sensors, frame_prefix + frame)
             self.imus[f'imu/{name}'] = message
             numbers = message.numbers(MARK, 37)
             self._readings.append((numbers[:4], numbers[13:16], numbers[25:28]))

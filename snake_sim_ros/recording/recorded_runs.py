@@ -170,11 +170,11 @@ def report_from_text(text: str) -> Report:
 
 
 LOADS = (('force', 'N'), ('torque', 'N m'))
-# Arrays of sensors of links, where the numbers of their links are, and what each column is.
+# Arrays of sensors, where their names or the numbers of their links are, and what columns are.
 OF_LINKS = (
-    ('imu_orientation', 'imu_link', [f'imu orientation {axis}' for axis in 'xyzw']),
-    ('imu_angular_velocity', 'imu_link', [f'imu angular velocity {a} [rad/s]' for a in 'xyz']),
-    ('imu_linear_acceleration', 'imu_link', [f'imu acceleration {a} [m/s^2]' for a in 'xyz']),
+    ('imu_orientation', 'imu_name', [f'imu orientation {axis}' for axis in 'xyzw']),
+    ('imu_angular_velocity', 'imu_name', [f'imu angular velocity {a} [rad/s]' for a in 'xyz']),
+    ('imu_linear_acceleration', 'imu_name', [f'imu acceleration {a} [m/s^2]' for a in 'xyz']),
     (
         'contact_wrench',
         'contact_link',
@@ -231,9 +231,10 @@ def _measured(
     rows = np.searchsorted(time, sensors.get('sensor_time', time)).tolist()
     for name, of_links, parts in OF_LINKS:
         for k, link in enumerate(sensors.get(of_links, ())):
+            owner = f'link_{link}' if of_links == 'contact_link' else link
             for part, readings in zip(parts, sensors[name][:, k].T.tolist(), strict=True):
                 cells = dict(zip(rows, readings, strict=True))
-                columns[f'link_{link} {part}'] = [cells.get(i, '') for i in range(len(time))]
+                columns[f'{owner} {part}'] = [cells.get(i, '') for i in range(len(time))]
     for what, unit in (('angle', 'rad'), ('velocity', 'rad/s'), ('torque', 'N m')):
         measured = sensors.get(f'measured_joint_{what}')
         if measured is not None:

@@ -5,7 +5,8 @@ What sensors on the robot measure: its links, its contacts and its joints.
 
 The node `sim` and recorded runs compute it by the same functions, number by number, so that both
 have the same bits. Vectors are in the frame of their link as messages have it: x along the link
-toward the next one, y to the left and z up when the link lies flat.
+toward the next one, y to the left and z up when the link lies flat. An IMU at a further frame of a
+link measures there, and in axes of that frame.
 
 The bits of the noise depend on the seed, the sensor and the number of the sample alone: every
 sensor has its own stream of random numbers, so that requests to one do not change another.
@@ -13,10 +14,12 @@ sensor has its own stream of random numbers, so that requests to one do not chan
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.recording.from_messages import B_TO_WIRE, WIRE_AXES
+from snake_sim_ros.scene.chain import euler_parameters, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     cut,
@@ -26,7 +29,7 @@ from snake_sim_ros.scene.checked_records import (
 )
 from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array, Robot, Scene
-from snake_sim_ros.scene.rotations import product, rotation_matrices
+from snake_sim_ros.scene.rotations import CONJUGATE, product, rotation_matrices
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
@@ -42,7 +45,7 @@ class Sensors(CheckedRecord):
     """Which sensors there are, and how well they measure; deviations are those of noise."""
 
     imu_links: Links = quantity(
-        (), '', 'links with an IMU: names such as link_6, numbers from 1, or all'
+        (), '', 'links with an IMU: names such as link_6, numbers from 1, or all; frames of links'
     )
     contact_force_links: Links = quantity(
         (), '', 'links whose contact forces are measured: names, numbers from 1, or all'
@@ -112,11 +115,43 @@ class Sensors(CheckedRecord):
             If there is no such link.
 
         """
-        given = getattr(self, name)
-        if given == 'all':
-            return list(range(robot.link_count))
-        given = given if isinstance(given, tuple) else (given,)
-        return sorted({link_index(link, robot, name) for link in given})
+        return _links(getattr(self, name), robot, name)
+
+    def imus(self, robot: Robot) -> 'Imus':
+        """
+        Return where the IMUs are: each once, those of links in order, then those of their frames.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such link or frame.
+
+        """
+        chain, given = robot.chain, _each(self.imu_links)
+        frames = [(i, frame) for i, link in enumerate(robot.links) for frame in link.frames]
+        at = [(k, *found) for k, found in enumerate(frames) if found[1].name in given]
+        names = [frame.name for _, _, frame in at]
+        rest = tuple(each for each in given if each not in names) if at else self.imu_links
+        try:
+            links = _links(rest, robot, 'imu_links')
+        except ParameterError as error:
+            known = ', '.join(frame.name for _, frame in frames[:3])
+            raise ParameterError(f'{error}{known and f", their frames {known}"}') from None
+        count, n = len(links), len(links) + len(at)
+        place, turn = np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+        for row, (_, i, frame) in enumerate(at, count):
+            own = chain.frame[i]
+            place[row] = chain.frame_place[i] + own @ frame.origin
+            axes = euler_parameters((own @ roll_pitch_yaw(frame.rotation))[None])[0]
+            turn[row] = product(axes, B_TO_WIRE * CONJUGATE)
+        return Imus(
+            names=(*(robot.link_names[i] for i in links), *names),
+            frames=(*(chain.center_names[i] for i in links), *names),
+            streams=(*links, *(FIRST_FRAME + k for k, _, _ in at)),
+            link=np.array([*links, *(i for _, i, _ in at)], dtype=int),
+            place=place,
+            turn=turn,
+        )
 
     def states_in_sample(self, rate: float) -> int:
         """
@@ -137,6 +172,18 @@ class Sensors(CheckedRecord):
                 f'got {self.sensor_rate:g} Hz'
             )
         return count
+
+
+def _each(given: Links) -> tuple[str | int, ...]:
+    """Return what is given, one or several, as several."""
+    return given if isinstance(given, tuple) else (given,)
+
+
+def _links(given: Links, robot: Robot, what: str) -> list[int]:
+    """Return the indices of links, see `Sensors.links`; `what` is where they come from."""
+    if given == 'all':
+        return list(range(robot.link_count))
+    return sorted({link_index(link, robot, what) for link in _each(given)})
 
 
 def link_index(name: str | int, robot: Robot, what: str) -> int:
@@ -169,11 +216,47 @@ def link_index(name: str | int, robot: Robot, what: str) -> int:
     )
 
 
+class Imus(NamedTuple):
+    """
+    Where the k IMUs of a robot are: at centers of links or at their further frames.
+
+    The frame B of an IMU lies to its axes as that of a link to the axes of the link in messages.
+    """
+
+    names: tuple[str, ...]  # of the links or of their frames
+    frames: tuple[str, ...]  # in which they measure
+    streams: tuple[int, ...]  # of their noise, see `imu_noise`
+    link: Array  # (k,)
+    place: Array  # (k, 3) link center to the IMU, frame B of the link [m]
+    turn: Array  # (k, 4) frame B of the IMU in that of the link, Euler parameters
+
+    def moves(self, q: Array, u: Array) -> tuple[Array, Array]:
+        """
+        Return coordinates (..., k, 7) and velocities (..., k, 6) of the IMUs.
+
+        Parameters
+        ----------
+        q : ndarray, shape (..., n, 7)
+        u : ndarray, shape (..., n, 6)
+            Of the links, see `state.State`.
+
+        """
+        q, u = q[..., self.link, :].copy(), u[..., self.link, :].copy()
+        if not self.place.any() and (self.turn[:, 0] == 1.0).all():
+            return q, u
+        R, omega = rotation_matrices(q[..., 3:]), u[..., 3:]
+        q[..., :3] += _turned(R, np.broadcast_to(self.place, omega.shape))
+        u[..., :3] += _turned(R, np.cross(omega, self.place))
+        q[..., 3:] = product(q[..., 3:], self.turn)
+        u[..., 3:] = _turned(rotation_matrices(self.turn * CONJUGATE), omega)
+        return q, u
+
+
 def imu_readings(
     gravity: Sequence[float], q: Array, u: Array, before: Array, time: float
 ) -> Array:
     """
-    Return what inertial measurement units at the centers of links measure, without errors.
+    Return what inertial measurement units measure, without errors.
 
     The specific force is that of the mean acceleration since the sample before: with it and
     gravity, in the frame of the end, one gets the exact change of velocity. At rest it is 9.81
@@ -185,9 +268,9 @@ def imu_readings(
         [m/s^2, frame I]
     q : ndarray, shape (..., 7)
     u : ndarray, shape (..., 6)
-        See `state.State`.
+        Of links with an IMU at the center, or as `Imus.moves` returns them; see `state.State`.
     before : ndarray, shape (..., 3)
-        Velocities of the centers at the sample before [m/s, frame I].
+        Velocities at the sample before [m/s, frame I].
     time : float
         Time since then [s].
 
@@ -212,6 +295,12 @@ def in_link_frames(R: Array, vector: Array) -> Array:
     """Return world vectors (..., 3) in the frames of links, whose frames B are R (..., 3, 3)."""
     x, y, z = (vector[..., k, None] for k in range(3))
     return np.asarray((R[..., 0, :] * x + R[..., 1, :] * y + R[..., 2, :] * z)[..., WIRE_AXES])
+
+
+def _turned(R: Array, vector: Array) -> Array:
+    """Return R v for matrices (..., 3, 3) and vectors (..., 3), by single products as well."""
+    x, y, z = (vector[..., k, None] for k in range(3))
+    return np.asarray(R[..., :, 0] * x + R[..., :, 1] * y + R[..., :, 2] * z)
 
 
 def wrenches_on_links(
@@ -254,6 +343,7 @@ def wrenches_on_links(
 
 
 JOINTS, IMU, CONTACTS = range(3)  # kinds of sensors
+FIRST_FRAME = 1000  # after the numbers of links
 PORTION = 10_000  # samples that are drawn in one go
 
 
@@ -318,7 +408,11 @@ def joint_noise(sensors: Sensors, robot: Robot) -> Noise:
 
 
 def imu_noise(sensors: Sensors, link: int) -> Noise:
-    """Return the errors of angular velocity and specific force at a link, index from 0."""
+    """
+    Return the errors of angular velocity and specific force at a link, index from 0.
+
+    Those of frames of links are numbered from FIRST_FRAME on, in the order of all frames.
+    """
     deviation = np.repeat([sensors.imu_angular_velocity_noise, sensors.imu_acceleration_noise], 3)
     bias = np.ravel(
         np.stack(
@@ -362,8 +456,9 @@ class SensorReader:
 
     Attributes
     ----------
-    imu_links, contact_links : list of int
-        Indices of the links with an IMU, and of those whose contact forces are measured.
+    imu_places : Imus
+    contact_links : list of int
+        Indices of the links whose contact forces are measured.
 
     Raises
     ------
@@ -374,12 +469,12 @@ class SensorReader:
 
     def __init__(self, simulation: Simulation, sensors: Sensors, steps: int, rate: float) -> None:
         self.robot = simulation.scene.robot
-        self.imu_links = sensors.links('imu_links', self.robot)
+        self.imu_places = sensors.imus(self.robot)
         self.contact_links = sensors.links('contact_force_links', self.robot)
         self._simulation, self._steps = simulation, steps
         self._steps_in_sample = steps * sensors.states_in_sample(rate)
         self._joints = joint_noise(sensors, self.robot)
-        self._imus = [imu_noise(sensors, link) for link in self.imu_links]
+        self._imus = [imu_noise(sensors, link) for link in self.imu_places.streams]
         self._contacts = [contact_noise(sensors, link) for link in self.contact_links]
         self.restart()
 
@@ -390,10 +485,11 @@ class SensorReader:
 
     def rest(self) -> None:
         """Take the present velocities as those before, too: the robot was put here."""
-        self._before = self._velocity = self._velocities()
+        self._before = self._velocity = self._moves()[1][:, :3]
 
-    def _velocities(self) -> Array:
-        return np.array(self._simulation.state.u[self.imu_links, :3])
+    def _moves(self) -> tuple[Array, Array]:
+        state = self._simulation.state
+        return self.imu_places.moves(state.q, state.u)
 
     def is_due(self) -> bool:
         """Return whether the present state is a sample of the IMUs and of the contacts."""
@@ -404,18 +500,11 @@ class SensorReader:
 
     def imus(self) -> Array:
         """Return the readings of the IMUs, shape (links, 10), as `sensors.imu_readings` does."""
-        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        scene, row = self._simulation.scene, self._row_at(self._steps_in_sample)
+        q, u = self._moves()
         if row != self._row:
-            self._row, self._before = row, self._velocity
-            self._velocity = self._velocities()
-        state, time = simulation.state, self._steps_in_sample * simulation.scene.dt
-        found = imu_readings(
-            simulation.scene.gravity,
-            state.q[self.imu_links],
-            state.u[self.imu_links],
-            self._before,
-            time,
-        )
+            self._row, self._before, self._velocity = row, self._velocity, u[:, :3]
+        found = imu_readings(scene.gravity, q, u, self._before, self._steps_in_sample * scene.dt)
         for reading, noise in zip(found, self._imus, strict=True):
             reading[MEASURED] = noise.added(reading[MEASURED], row)
         return found
@@ -459,7 +548,8 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
     -------
     dict
         ``sensor_time`` (s,) [s] with an entry for each of s samples. If there are IMUs,
-        ``imu_link`` (k,) with numbers from 1, ``imu_orientation`` (s, k, 4) x y z w,
+        ``imu_name`` (k,) of links or frames, ``imu_link`` (k,) with numbers of the links from 1,
+        ``imu_orientation`` (s, k, 4) x y z w,
         ``imu_angular_velocity`` (s, k, 3) [rad/s] and ``imu_linear_acceleration`` (s, k, 3), the
         specific force [m/s^2]. If contact forces are measured, ``contact_link`` (c,) with numbers
         from 1, and ``contact_wrench`` (s, c, 6) [N], [N m]. If joints have noise,
@@ -474,16 +564,17 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
 
     """
     scene, m = trajectory.scene, len(trajectory.time)
-    imus = sensors.links('imu_links', scene.robot)
+    imus = sensors.imus(scene.robot)
     touching = sensors.links('contact_force_links', scene.robot)
     steps = round((trajectory.time[1] - trajectory.time[0]) / scene.dt) if m > 1 else 1
     every = sensors.states_in_sample(1.0 / (steps * scene.dt))
     found: dict[str, Array] = {}
-    if imus or touching:
+    if imus.names or touching:
         found['sensor_time'] = trajectory.time[::every]
-    if imus:
+    if imus.names:
         readings = _imus(trajectory, sensors, imus, every, every * steps * scene.dt)
-        found['imu_link'] = np.array(imus) + 1
+        found['imu_name'] = np.array(imus.names)
+        found['imu_link'] = imus.link + 1
         found['imu_orientation'] = readings[..., ORIENTATION]
         found['imu_angular_velocity'] = readings[..., ANGULAR_VELOCITY]
         found['imu_linear_acceleration'] = readings[..., ACCELERATION]
@@ -499,16 +590,14 @@ def recorded_sensors(trajectory: Trajectory, sensors: Sensors) -> dict[str, Arra
     return found
 
 
-def _imus(
-    trajectory: Trajectory, sensors: Sensors, links: list[int], every: int, time: float
-) -> Array:
+def _imus(trajectory: Trajectory, sensors: Sensors, imus: Imus, every: int, time: float) -> Array:
     """Return the readings of all IMUs at every so many states, which are a time [s] apart."""
     if not trajectory.velocity.size:
         raise ParameterError('an IMU needs the velocities of a run, which are not in its file')
-    q, u = trajectory.coordinates[::every, links], trajectory.velocity[::every, links]
+    q, u = imus.moves(trajectory.coordinates[::every], trajectory.velocity[::every])
     before = np.concatenate([u[:1, :, :3], u[:-1, :, :3]])
     readings = imu_readings(trajectory.scene.gravity, q, u, before, time)
-    for k, link in enumerate(links):
+    for k, link in enumerate(imus.streams):
         exact = readings[:, k, MEASURED]
         readings[:, k, MEASURED] = imu_noise(sensors, link).added_to_all(exact)
     return readings

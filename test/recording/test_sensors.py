@@ -8,11 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
+from modular import modular_robot
 import numpy as np
 from obstacle_scenes import HERE
 import pytest
 from scenes import DT, EPS, every_method, isotropic, MASS, ROBOT, slope
 from schemes import press_of
+from scipy.spatial.transform import Rotation
 
 from snake_sim_ros import Gait, ParameterError, Pegs, Robot, Scene, Simulation, Solver, State
 from snake_sim_ros.commands.main import main
@@ -31,8 +33,10 @@ from snake_sim_ros.recording.sensors import (
     Sensors,
     wrenches_on_links,
 )
+from snake_sim_ros.scene.chain import FixedFrame, roll_pitch_yaw
 from snake_sim_ros.scene.obstacles import contact_count, contact_links
 from snake_sim_ros.scene.parameters import load_scene, with_settings
+from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.sampling import joint_motion
@@ -151,6 +155,45 @@ def test_specific_force_and_gravity_make_the_velocity(method):
         assert omega == pytest.approx(B @ simulation.state.u[3, 3:], abs=1e-12)
     assert v == pytest.approx(simulation.state.u[3, :3], abs=1e-12)
     assert np.abs(v).max() > 0.01
+
+
+def test_at_a_frame_of_a_turning_link_it_measures_centripetal_and_tangential_acceleration():
+    # A link whose frame turns about an axis a of the world through a point c, by the angle
+    # w t + b t^2/2: the IMU at rho from c has the acceleration b a x rho + w^2 a x (a x rho).
+    frame = FixedFrame(name='imu', origin=(0.05, -0.02, 0.03), rotation=(0.4, -1.1, 2.0))
+    robot = modular_robot(3)
+    first, second, third = robot.links
+    robot = replace(robot, links=(first, replace(second, frames=(frame,)), third))
+    imus = Sensors(imu_links='imu').imus(robot)
+    assert imus.names == imus.frames == ('imu',) and imus.link.tolist() == [1]
+    a, c, w, b = np.array([0.6, 0.0, 0.8]), np.array([0.3, -0.1, 0.2]), 3.0, 7.0
+    place, start = np.array([0.4, 0.1, 0.5]), Rotation.from_rotvec([0.3, 0.7, -0.2])
+    gravity = np.array([1.0, 2.0, -9.0])
+
+    def motion(t):
+        """Return coordinates and velocities, of which but those of link 2 are of use."""
+        turn, omega = Rotation.from_rotvec((w * t + b * t**2 / 2) * a), (w + b * t) * a
+        own = (turn * start).as_quat()[[3, 0, 1, 2]]
+        position = np.tile(c + turn.apply(place - c), (3, 1))
+        q = from_own_poses(robot, position, np.tile(own, (3, 1)))
+        R = rotation_matrices(q[:, 3:])
+        u = np.hstack([np.cross(omega, q[:, :3] - c), np.einsum('nij,i->nj', R, omega)])
+        return q, u
+
+    T, t = 1e-6, 0.2
+    _, before = imus.moves(*motion(t - T))
+    found = imu_readings(gravity, *imus.moves(*motion(t)), before[:, :3], T)[0]
+    turn, speed = Rotation.from_rotvec((w * t + b * t**2 / 2) * a), w + b * t
+    rho = turn.apply(place - c + start.apply(frame.origin))
+    axes = turn * start * Rotation.from_matrix(roll_pitch_yaw(frame.rotation))
+    expected = b * np.cross(a, rho) + speed**2 * np.cross(a, np.cross(a, rho)) - gravity
+    # The mean acceleration lags by T/2, and the difference of velocities of 2 m/s is rounded.
+    jerk = (3 * b * speed + speed**3) * np.linalg.norm(rho)
+    bound = jerk * T + 20 * EPS / T
+    assert np.abs(found[ACCELERATION] - axes.inv().apply(expected)).max() < bound < 1e-4
+    assert np.abs(found[ANGULAR_VELOCITY] - axes.inv().apply(speed * a)).max() < 1e-14
+    wanted = axes.as_quat()
+    assert np.abs(found[ORIENTATION] - wanted * np.sign(wanted[3])).max() < 1e-15
 
 
 def test_orientation_is_that_of_link_poses():

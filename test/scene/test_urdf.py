@@ -159,13 +159,14 @@ def frames_by_hand(text, angles):
             return np.eye(4)
         if name not in frames:
             found, step, turn = joints[name], np.eye(4), np.eye(4)
-            origin = found.find('origin')
-            step[:3, 3] = [float(x) for x in origin.get('xyz').split()]
-            rpy = [float(x) for x in origin.get('rpy').split()]
-            step[:3, :3] = Rotation.from_euler('xyz', rpy).as_matrix()
-            axis = np.array([float(x) for x in found.find('axis').get('xyz').split()])
-            angle = angles.get(found.get('name'), 0.0) / np.linalg.norm(axis)
-            turn[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix()
+            if (origin := found.find('origin')) is not None:
+                step[:3, 3] = [float(x) for x in origin.get('xyz').split()]
+                rpy = [float(x) for x in origin.get('rpy', '0 0 0').split()]
+                step[:3, :3] = Rotation.from_euler('xyz', rpy).as_matrix()
+            if found.get('type') != 'fixed':
+                axis = np.array([float(x) for x in found.find('axis').get('xyz').split()])
+                angle = angles.get(found.get('name'), 0.0) / np.linalg.norm(axis)
+                turn[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix()
             frames[name] = frame(found.find('parent').get('link')) @ step @ turn
         return frames[name]
 
@@ -264,6 +265,26 @@ def test_angles_of_a_rotation_give_it_back_at_any_pitch(pitch):
     for roll, yaw in np.random.default_rng(3).uniform(-3, 3, (20, 2)):
         R = roll_pitch_yaw((roll, pitch, yaw))
         assert np.abs(roll_pitch_yaw(angles_of(R)) - R).max() < 1e-15
+
+
+@each_chain
+def test_the_published_description_has_all_frames_of_the_urdf(text):
+    # Those of fixed parts, such as an IMU, and of the root; a frame in a joint with two axes is
+    # replaced.
+    robot = robot_from(text)
+    published = robot_description(robot)
+    base = robot.link_names[robot.base_link]
+    for angles in postures(robot, 2):
+        frames, expected = (frames_by_hand(each, angles) for each in (published, text))
+        known = {name for name in expected if not name.startswith('cross_')}
+        assert known <= {*frames}
+        back = np.linalg.inv(expected[base])
+        for name in known:
+            assert np.abs(frames[name] - back @ expected[name]).max() < 1e-14
+    again = robot_of(published)
+    assert again.link_names == robot.link_names and again.axis_names == robot.axis_names
+    names = [[frame.name for frame in link.frames] for link in robot.links]
+    assert [[frame.name for frame in link.frames] for link in again.links] == names
 
 
 # ---- links --------------------------------------------------------------------------------------

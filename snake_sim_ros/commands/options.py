@@ -150,7 +150,8 @@ OF_LINKS = {'imu': 'imu_links', 'contact_forces': 'contact_force_links'}
 
 def add_sensors(command: argparse.ArgumentParser) -> None:
     """Add the options that select sensors and their errors."""
-    for name, what in (('imu', 'with an IMU'), ('contact-forces', 'whose contacts are measured')):
+    imu, contacts = 'or frame of a link with an IMU', 'whose contacts are measured'
+    for name, what in (('imu', imu), ('contact-forces', contacts)):
         command.add_argument(
             f'--{name}', action='append', default=[], metavar='LINK',
             help=f'link {what}: link_6, 6 or all; may be repeated',

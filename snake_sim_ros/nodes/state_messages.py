@@ -12,7 +12,7 @@ wire are x y z w, with w >= 0. Joint angles have the paper's signs: a positive y
 link left, a positive pitch turns it down.
 
 A robot whose links are given one by one has the names of its links and joints, and its links have
-their own frames. Its base is the first link.
+their own frames. Its base is the root of its URDF, if it comes from one.
 """
 
 from collections.abc import Sequence

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages of the state of the physics, and of commands, without any node."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, WrenchStamped
 from modular import modular_robot
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -14,13 +15,16 @@ from random_states import random_parameters
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from urdf_texts import written_from
 
-from snake_sim_ros import Robot, State
+from snake_sim_ros import Robot, Scene, Simulation, State
 from snake_sim_ros.nodes.diagnostics import shown, status_of
 from snake_sim_ros.nodes.messages import command_message, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.nodes.state_publishers import SensorMessages
+from snake_sim_ros.recording.sensors import SensorReader, Sensors
+from snake_sim_ros.scene.chain import FixedFrame
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import load_robot, load_scene
 from snake_sim_ros.scene.posture import own_poses
@@ -77,6 +81,28 @@ def test_the_base_of_a_robot_of_ones_own_is_the_root_of_its_urdf(root):
     expected = u[:3] + np.cross(R @ u[3:], lever)
     assert axes @ [v.x, v.y, v.z] == pytest.approx(expected, abs=4 * ROUNDING)
     assert axes @ [w.x, w.y, w.z] == pytest.approx(R @ u[3:], abs=4 * ROUNDING)
+
+
+def test_an_imu_at_a_frame_has_its_name_and_its_frame():
+    robot = modular_robot(3)
+    first, *others = robot.links
+    first = replace(first, frames=(FixedFrame(name='imu'),))
+    robot = replace(robot, links=(first, *others))
+    sensors = Sensors(imu_links=('imu', 'module_0'), contact_force_links=1)
+    reader = SensorReader(Simulation(Scene(robot=robot)), sensors, 1, 200.0)
+    messages = SensorMessages(reader, sensors, 'snake/')
+    messages.fill_imus(0)
+    found = {topic: deserialize_message(bytes(each), Imu) for topic, each in messages.imus.items()}
+    frames = {topic: message.header.frame_id for topic, message in found.items()}
+    assert frames == {'imu/module_0': 'snake/module_0_center', 'imu/imu': 'snake/imu'}
+    # Frame `imu` is that of the module, whose x is along it too; it lies still.
+    for message in found.values():
+        force = message.linear_acceleration
+        assert [force.x, force.y, force.z] == pytest.approx([0, 0, 9.81], abs=1e-12)
+    (wrench,) = messages.wrenches.values()
+    assert deserialize_message(bytes(wrench), WrenchStamped).header.frame_id == (
+        'snake/module_0_center'
+    )
 
 
 @pytest.fixture

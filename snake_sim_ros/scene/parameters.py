@@ -445,10 +445,11 @@ class Robot(CheckedRecord):
             )
         object.__setattr__(self, 'link_count', len(self.links))
         names = [name for joint in self.joints for name in joint.axis_names]
-        named = [link.name for link in self.links]
-        if frames := [frame.name for link in self.links for frame in link.frames]:
-            named += [*frames, *(name + CENTER for name in named if name)]
-        for what, given in (('joint axes', names), ('links and their frames', named)):
+        links = [link.name for link in self.links]
+        frames = [frame.name for link in self.links for frame in link.frames]
+        if frames:
+            frames += links + [name + CENTER for name in links if name]
+        for what, given in (('joint axes', names), ('links', links), ('frames', frames)):
             twice = sorted({name for name in given if given.count(name) > 1 and name})
             if twice:
                 raise ParameterError(f'names of {what} must differ, got {twice[0]!r} twice')

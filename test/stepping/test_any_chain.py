@@ -35,7 +35,7 @@ from snake_sim_ros import (
 )
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.chain import Joint, Link, Shape
+from snake_sim_ros.scene.chain import FixedFrame, Joint, Link, Shape
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN
@@ -221,6 +221,11 @@ def test_spheres_of_a_link_rub_with_its_friction():
         assert way == pytest.approx(0.25 / (2 * 0.2 * factor * 9.81), abs=1e-4)
 
 
+def links_with_frames(*names):
+    frames = ((FixedFrame(name=name),) for name in names)
+    return tuple(Link(name=a, frames=frame) for a, frame in zip('abc', frames, strict=True))
+
+
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
@@ -231,6 +236,23 @@ def test_spheres_of_a_link_rub_with_its_friction():
         (
             {'links': tuple(Link(name=name) for name in 'abc')},
             'a link must have shapes to lie on: all links have none',
+        ),
+        (
+            {'links': links_with_frames('x', 'b', 'y')},
+            "names of frames must differ, got 'b' twice",
+        ),
+        (
+            {'links': links_with_frames('x', 'a_center', 'y')},
+            "names of frames must differ, got 'a_center' twice",
+        ),
+        (
+            {
+                'joints': (
+                    Joint(name='one', axis=(0, 0, 1)),
+                    Joint(name='two', axis=(0, 0, 1), backward=True),
+                )
+            },
+            'joints that lead backward must come before the others, got one before them',
         ),
         ({'joints': ()}, 'joints must be one fewer than the links, got 0 joints and 3 links'),
         ({'link_count': 5}, 'link_count must be the number of links, 3, got 5'),
@@ -262,6 +284,8 @@ def test_chains_that_cannot_be(change, sentence):
             {'name': 'tail', 'inertia': (1, 1, 3, 0, 0, 0)},
             'inertia of tail must have principal moments above 0, each at most the sum of the',
         ),
+        (FixedFrame, {}, 'a fixed frame must have a name, got none'),
+        (FixedFrame, {'name': 'imu', 'rotation': (1, 2)}, 'rotation must have 3 numbers, got 2'),
         (Shape, {'radius': -1.0}, 'radius must be above 0 m, got -1 m'),
         (Shape, {'start': (1,)}, 'start must have 3 numbers, got 1'),
     ],

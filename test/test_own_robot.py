@@ -202,6 +202,7 @@ def test_an_imu_at_a_frame_measures_live_what_it_measures_recorded(tmp_path):
     links = list(SCENE.robot.links)
     links[2] = replace(links[2], frames=(frame, replace(frame, name='camera')))
     scene = replace(SCENE, robot=replace(SCENE.robot, links=tuple(links)), duration=0.2)
+    assert scene_from_text(scene_to_text(scene)) == scene
     sensors = Sensors(imu_links=('imu', 'module_2'), sensor_seed=3, imu_acceleration_noise=0.1)
     readings, simulation = [], Simulation(scene)
     reader = SensorReader(simulation, sensors, 4, 50.0)

@@ -710,6 +710,12 @@ def test_the_urdf_of_aiko_whose_root_is_in_the_middle_is_aiko():
     assert np.abs(robot.chain.inertia - aiko.chain.inertia).max() < 1e-18
 
 
+def test_a_published_robot_may_have_a_base_link():
+    text = written_from(modular_robot(4), 1).replace('module_1', 'base_link')
+    robot = robot_of(robot_description(robot_from(text)))
+    assert robot.link_names == ('module_0', 'base_link', 'module_2', 'module_3')
+
+
 def test_head_says_which_end_comes_first():
     expected = modular_robot(5)
     names, axes = expected.link_names, expected.axis_names

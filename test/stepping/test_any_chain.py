@@ -246,12 +246,7 @@ def links_with_frames(*names):
             "names of frames must differ, got 'a_center' twice",
         ),
         (
-            {
-                'joints': (
-                    Joint(name='one', axis=(0, 0, 1)),
-                    Joint(name='two', axis=(0, 0, 1), backward=True),
-                )
-            },
+            {'joints': (Joint(name='one'), Joint(name='two', backward=True))},
             'joints that lead backward must come before the others, got one before them',
         ),
         ({'joints': ()}, 'joints must be one fewer than the links, got 0 joints and 3 links'),

@@ -135,7 +135,7 @@ class Sensors(CheckedRecord):
         try:
             links = _links(rest, robot, 'imu_links')
         except ParameterError as error:
-            known = ', '.join(frame.name for _, frame in frames[:3])
+            known = ', '.join(cut(frame.name) for _, frame in frames[:3])
             raise ParameterError(f'{error}{known and f", their frames {known}"}') from None
         count, n = len(links), len(links) + len(at)
         place, turn = np.zeros((n, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))

@@ -11,6 +11,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
    nonsmooth modeling, simulations, and experiments", IEEE T-RO 24(2), 2008.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property, lru_cache
@@ -450,7 +451,7 @@ class Robot(CheckedRecord):
         if frames:
             frames += links + [name + CENTER for name in links if name]
         for what, given in (('joint axes', names), ('links', links), ('frames', frames)):
-            twice = sorted({name for name in given if given.count(name) > 1 and name})
+            twice = sorted(name for name, count in Counter(given).items() if count > 1 and name)
             if twice:
                 raise ParameterError(f'names of {what} must differ, got {twice[0]!r} twice')
         backward = [joint.backward for joint in self.joints]

@@ -301,7 +301,9 @@ def _poses(
         position, orientation = (np.array(part)[:, links] for part in zip(*both, strict=True))
     else:
         links = np.array([robot.base_link if link is None else link - 1])
-        rows, turned = _single_poses(topic, raw, clock, robot.link_names[links[0]])
+        name = robot.link_names[links[0]]
+        names = (name,) if robot.links else ('base_link', name)
+        rows, turned = _single_poses(topic, raw, clock, names)
         time = np.array([moment for moment, _ in rows])
         numbers = np.array([pose for _, pose in rows])
         position = numbers[:, None, :3]
@@ -323,19 +325,19 @@ def _poses(
 
 
 def _single_poses(
-    topic: str, raw: Raw, clock: _Clock, link: str
+    topic: str, raw: Raw, clock: _Clock, frames: tuple[str, ...]
 ) -> tuple[list[tuple[float, Sequence[float]]], Array]:
     """
     Return times and poses of a link, and whether each is that of the frame base_link.
 
-    That frame is the frame of the link, turned around.
+    That frame is the frame of the link, turned around, unless the robot has links of its own.
     """
     rows, turned = list[tuple[float, Sequence[float]]](), list[bool]()
     for stamp, recorded, message in raw:
         for item in getattr(message, 'transforms', [message]):
             frame = getattr(item, 'child_frame_id', '').rpartition('/')[2]
             if hasattr(message, 'transforms'):
-                if frame not in ('base_link', link):
+                if frame not in frames:
                     continue
                 stamp = item.header.stamp.sec + 1e-9 * item.header.stamp.nanosec
             pose = getattr(item, 'transform', None) or item.pose
@@ -345,7 +347,7 @@ def _single_poses(
             rows.append((clock(stamp, recorded), (r.x, r.y, r.z, p.x, p.y, p.z, p.w)))
             turned.append(frame == 'base_link')
     if not rows:
-        raise ParameterError(f'{topic} has neither base_link nor {link}')
+        raise ParameterError(f'{topic} has no {" or ".join(frames)}')
     return rows, np.array(turned)
 
 

@@ -2,14 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a fit reads of a bag, and that it follows the commands in it as the simulator did."""
 
+import copy
 from dataclasses import replace
 
+from modular import modular_robot
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from recorded_messages import gait_commands, state_messages, write_messages
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from urdf_texts import written_from
 
-from snake_sim_ros import ParameterError, Simulation
+from snake_sim_ros import ParameterError, Scene, Simulation
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.messages import stamp_from, trajectory_message
 from snake_sim_ros.nodes.received_commands import (
@@ -18,8 +23,8 @@ from snake_sim_ros.nodes.received_commands import (
     position_commands,
 )
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.scene.parameters import load_robot, load_scene, with_settings
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, own_poses
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.studies.recorded_motion import read_recording, Recording
 from snake_sim_ros.studies.replay import Replay, ReplaySettings
@@ -115,6 +120,32 @@ def test_poses_of_any_topic_and_link(scene, measured, pose, tmp_path):
     assert found.joint_angle == pytest.approx(measured.joint_angle, abs=1e-15)
     replay = Replay(found, scene, EXACT, 'held')
     assert max(np.abs(item.flat()).max() for item in replay.residuals(scene)[1:]) < SAME
+
+
+def test_odometry_is_that_of_the_root_of_a_urdf(tmp_path):
+    text = written_from(modular_robot(4), 1).replace('module_1', 'base_link')
+    robot = load_robot({'urdf': text, 'head': 'module_0'})
+    scene, times = Scene(robot=robot), np.arange(0.0, 2.0, PERIOD)
+    rng = np.random.default_rng(1)
+    q = chain_coordinates(robot, rng.uniform(-0.5, 0.5, (3, 2)))
+    position, orientation = own_poses(robot, q)
+    odom = Odometry(child_frame_id='base_link')
+    place, turn = odom.pose.pose.position, odom.pose.pose.orientation
+    place.x, place.y, place.z = position[1].tolist()
+    turn.w, turn.x, turn.y, turn.z = orientation[1].tolist()
+    angle = robot.by_axis(joint_angles(q, robot)).tolist()
+    states = JointState(name=list(robot.axis_names), position=angle)
+    messages = []
+    for t in times:
+        for name, message in (('odom', odom), ('joint_states', states)):
+            message.header.stamp = stamp_from(round(t * 1e9))
+            messages.append((name, t, copy.deepcopy(message)))
+    found = read_recording(
+        write_messages(tmp_path / 'run.mcap', [*gait_commands(scene, times), *messages]), scene
+    )
+    assert found.links.tolist() == [1]
+    assert found.position[-1, 0] == pytest.approx(q[1, :3], abs=1e-14)
+    assert abs(found.orientation[-1, 0] @ q[1, 3:]) == pytest.approx(1.0, abs=1e-14)
 
 
 def test_missing_and_repeated_samples_are_left_out(scene, measured, tmp_path):

@@ -50,8 +50,6 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
     if method.planar is None:
         return f'method {name} has no planar level'
-    if scene.robot.links:
-        return 'robot.links are given one by one, and in the plane links are alike but for numbers'
     if reason := what_is_not_flat(scene):
         return reason
     if scene.friction.rolling > 0.0:
@@ -277,7 +275,7 @@ class LevelStepper:
         if self.planar.slips:
             memory.slip[0] = memory.way[0] = 0.0
         elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
-            memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
+            memory.slip[0] += 2.0 * self.planar.model.height * AUTO_ROLL
 
     def prepare(self, level: str, state: State, *, single: bool = False) -> None:
         """Compile a level that is not used yet, by a call without steps, and its single steps."""

@@ -18,8 +18,8 @@ import numpy as np
 from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Method, Report, Stepper
 from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
@@ -33,6 +33,10 @@ from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, Single
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
 SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip [s]
+# Directions and places of links given one by one that differ by less are the same: the rounding of
+# numbers in files.
+SAME_DIRECTION = 1e-5  # [1]
+SAME_PLACE = 1e-6  # [m]
 PLANAR_ITERATIONS = 300  # most iterations of a planar step, before the spatial level takes it
 
 
@@ -50,7 +54,7 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
     if method.planar is None:
         return f'method {name} has no planar level'
-    if reason := what_is_not_flat(scene):
+    if reason := what_is_not_flat(scene) or what_is_not_in_plane(scene):
         return reason
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
@@ -76,12 +80,70 @@ def what_is_not_flat(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.ground.heights:
         return 'ground.heights is given, and the plane is flat'
+    if scene.robot.links:
+        return what_does_not_lie_straight(scene.robot)
     radius = scene.robot.per_link('contact_radius')
     if radius.min() < radius.max():
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
             f'{radius.max():g} m, so that the robot does not lie flat'
         )
+    return ''
+
+
+def what_does_not_lie_straight(robot: Robot) -> str:
+    """
+    Return why links given one by one do not lie flat on a floor, as a clause; empty if they do.
+
+    Their joints then turn about upright axes or axes across the links, are in one line when all
+    joints are at 0, and all spheres touch the floor.
+    """
+    places, spheres, names = robot.chain.places, robot.chain.spheres, robot.link_names
+    turned = np.abs(np.stack([places.inner, places.outer]) - np.eye(3)).max(axis=(0, 2, 3))
+    if turned.max(initial=0.0) > SAME_DIRECTION:
+        j = int(turned.argmax())
+        axis = robot.joints[j].name or f'joint {j + 1}'
+        return f'{axis} turns about an axis that is neither upright nor across the links beside it'
+    gap = gaps(robot, chain_coordinates(robot, np.zeros((robot.link_count - 1, 2))))
+    if np.ptp(gap) > SAME_PLACE:
+        a = int(gap.argmax())
+        return (
+            f'a sphere of link {names[spheres.link[a]]} is {np.ptp(gap):.3g} m above the floor when '
+            'all joints are at 0'
+        )
+    return ''
+
+
+def what_is_not_in_plane(scene: Scene) -> str:
+    """Return why the planar level has not the links of a robot, as a clause; empty if it has."""
+    robot = scene.robot
+    if not robot.links:
+        return ''
+    chain, names = robot.chain, robot.link_names
+    places, spheres, capsules = chain.places, chain.spheres, chain.capsules
+    count = np.diff(spheres.begin)
+    if not (np.isin(count, (1, 2)).all() and robot.joints):
+        i = int(np.isin(count, (1, 2)).argmin())
+        return (
+            f'link {names[i]} has {count[i]} spheres, and in the plane every link has one or two and '
+            'a joint'
+        )
+    apart = np.abs(np.concatenate([places.distal[:-1], places.proximal[1:]])[:, :2]).max(axis=1)
+    links = np.concatenate([np.arange(len(names) - 1), np.arange(1, len(names)), spheres.link])
+    apart = np.concatenate([apart, np.abs(spheres.place[:, 0])])
+    if apart.max() > SAME_PLACE:
+        i = links[apart.argmax()]
+        return (
+            f'link {names[i]} has its center of mass {apart.max():.3g} m beside the line of its '
+            'joints and spheres'
+        )
+    products = np.abs(chain.inertia[:, 1, [0, 2]]).max(axis=1) / chain.inertia[:, 1, 1]
+    if products.max() > SAME_DIRECTION:
+        return f'link {names[int(products.argmax())]} has products of inertia with the upright axis'
+    high = np.maximum(np.abs(capsules.center[:, :2]).max(axis=1), np.abs(capsules.axis[:, 1]))
+    if scene.pegs.x and high.max() > SAME_PLACE:
+        i = capsules.link[high.argmax()]
+        return f'shapes of link {names[i]} do not touch pegs at the height of its joints'
     return ''
 
 
@@ -107,6 +169,9 @@ def what_does_not_lie(scene: Scene, state: State) -> str:
     if not (np.abs(R[:, 2, 0]) <= FLAT_TILT).all():
         i = int(np.abs(R[:, 2, 0]).argmax())
         return f'link {i + 1} is rolled by {np.arcsin(R[i, 2, 0]):.3g} rad'
+    if scene.robot.links and not (np.abs(R[:, 2, 2]) <= FLAT_TILT).all():
+        i = int(np.abs(R[:, 2, 2]).argmax())
+        return f'link {i + 1} is pitched by {-np.arcsin(R[i, 2, 2]):.3g} rad'
     if not (speed <= STILL_SPEED).all():
         return f'link {int(speed.argmax()) + 1} moves vertically at {speed.max():.3g} m/s'
     return ''

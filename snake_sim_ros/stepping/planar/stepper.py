@@ -151,7 +151,8 @@ class PlanarStepper:
     A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
 
     Links keep their heights and tilts, which are those of a robot that lies flat up to the
-    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. The
+    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. Where
+    joints have one axis, no tilts keep them closed as they bend, and links lie flat at once. The
     contact impulses of the first step stop their velocities out of the plane, as in any inelastic
     impact.
 
@@ -174,6 +175,8 @@ class PlanarStepper:
         self.joints, places = (self.model.front, self.model.rear), scene.robot.chain.places
         self.keeps_tilts = places.complete and places.straight
         self.flat_heights = flat_heights(scene.robot)
+        inertia = scene.robot.chain.inertia
+        self.uneven = inertia[:, 0, 0] - inertia[:, 1, 1]  # about the axes e_x and e_y of a link
         self.loop = loop
         n = scene.robot.link_count
         self.empty = empty_history(scene, make_planar_memory(n, scheme))
@@ -285,11 +288,13 @@ class PlanarStepper:
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""
-        n = len(self.model.mass)
-        loads: Array = self.work.contacts['solution']['impulse'][: 2 * n, 0]
+        model = self.model
+        loads: Array = self.work.contacts['solution']['impulse'][: model.floor, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
-            end = 'front' if a < n else 'rear'
-            return f'the {end} sphere of link {a % n + 1} would lift off'
+            i = a if a < len(model.mass) else int(np.flatnonzero(model.second == a)[0])
+            in_front = (model.offset[i] >= 0.0) == (a == i)
+            end = ('front ' if in_front else 'rear ') if model.spheres_of_link[i] > 1.0 else ''
+            return f'the {end}sphere of link {i + 1} would lift off'
         if self.slips:
             return (
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
@@ -337,7 +342,8 @@ class PlanarStepper:
         zero = np.zeros(n)
         back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
         tilt = product(back, state.q[:, 3:])
-        tilt[np.abs(tilt - FLAT).max(axis=1) < (ROUNDING if self.keeps_tilts else np.inf)] = FLAT
+        least = ROUNDING if self.keeps_tilts else math.inf
+        tilt[np.abs(tilt - FLAT).max(axis=1) < least] = FLAT
         spin = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
         u[:, :2], u[:, 2] = state.u[:, :2], spin[:, 2]
         q[:2], q[2:] = state.q[0, :2], theta
@@ -358,6 +364,8 @@ class PlanarStepper:
         axial = np.einsum('ij,ij->i', R[:, :, 2], spin)[:, None] * R[:, :, 2]
         across, along = self.model.inertia, self.model.inertia_axial
         turning = across[:, None] * spin + (along - across)[:, None] * axial
+        pitching = np.einsum('ij,ij->i', R[:, :, 0], spin)[:, None] * R[:, :, 0]
+        turning += self.uneven[:, None] * pitching
         self.work.impact[:, 0] = center[:, 1] * lift + turning[:, 0]
         self.work.impact[:, 1] = -center[:, 0] * lift + turning[:, 1]
         self.work.impact[:, 2] = lift

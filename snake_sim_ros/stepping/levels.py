@@ -108,8 +108,8 @@ def what_does_not_lie_straight(robot: Robot) -> str:
     if np.ptp(gap) > SAME_PLACE:
         a = int(gap.argmax())
         return (
-            f'a sphere of link {names[spheres.link[a]]} is {np.ptp(gap):.3g} m above the floor when '
-            'all joints are at 0'
+            f'a sphere of link {names[spheres.link[a]]} is {np.ptp(gap):.3g} m above the floor '
+            'when all joints are at 0'
         )
     return ''
 
@@ -121,25 +121,25 @@ def what_is_not_in_plane(scene: Scene) -> str:
         return ''
     chain, names = robot.chain, robot.link_names
     places, spheres, capsules = chain.places, chain.spheres, chain.capsules
+    if not robot.joints:
+        return f'link {names[0]} has no joint, which would hold it flat'
     count = np.diff(spheres.begin)
-    if not (np.isin(count, (1, 2)).all() and robot.joints):
+    if not np.isin(count, (1, 2)).all():
         i = int(np.isin(count, (1, 2)).argmin())
-        return (
-            f'link {names[i]} has {count[i]} spheres, and in the plane every link has one or two and '
-            'a joint'
-        )
+        return f'link {names[i]} has {count[i]} spheres, and in the plane links have one or two'
     apart = np.abs(np.concatenate([places.distal[:-1], places.proximal[1:]])[:, :2]).max(axis=1)
     links = np.concatenate([np.arange(len(names) - 1), np.arange(1, len(names)), spheres.link])
     apart = np.concatenate([apart, np.abs(spheres.place[:, 0])])
     if apart.max() > SAME_PLACE:
         i = links[apart.argmax()]
         return (
-            f'link {names[i]} has its center of mass {apart.max():.3g} m beside the line of its '
+            f'the center of mass of link {names[i]} is {apart.max():.3g} m beside the line of its '
             'joints and spheres'
         )
     products = np.abs(chain.inertia[:, 1, [0, 2]]).max(axis=1) / chain.inertia[:, 1, 1]
     if products.max() > SAME_DIRECTION:
-        return f'link {names[int(products.argmax())]} has products of inertia with the upright axis'
+        name = names[int(products.argmax())]
+        return f'link {name} has products of inertia with the upright axis'
     high = np.maximum(np.abs(capsules.center[:, :2]).max(axis=1), np.abs(capsules.axis[:, 1]))
     if scene.pegs.x and high.max() > SAME_PLACE:
         i = capsules.link[high.argmax()]
@@ -248,7 +248,8 @@ class LevelStepper:
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
             reason, goes_on = '', False
             if vertical[start]:
-                reason = what_is_commanded(angle[start], rate[start], pushes.after(start))
+                given = angle[start], rate[start]
+                reason = what_is_commanded(self.scene.robot, *given, pushes.after(start))
             elif history.settling[0] <= 0:
                 goes_on = self.planar.goes_on(state, history.memory.planar)
                 reason = '' if goes_on else what_does_not_lie(self.scene, state)
@@ -360,7 +361,9 @@ class LevelStepper:
             self.used.add(level)
 
 
-def what_is_commanded(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> str:
+def what_is_commanded(
+    robot: Robot, angle: Array, rate: Array, pushes: PushTable = NO_PUSHES
+) -> str:
     """Return the largest pitch reference of a step, or the push that lifts, as a clause."""
     if not is_vertical(angle, rate):
         p = pushes.lifting(1)[0]
@@ -368,7 +371,8 @@ def what_is_commanded(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) 
     commanded = np.abs([angle[:, 1], rate[:, 1]])
     kind, j = np.unravel_index(int(commanded.argmax()), commanded.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
-    return f'joint_{j + 1}_pitch is commanded to {value[j, 1]:.3g} {unit}'
+    name = dict(zip(robot.axis_places.tolist(), robot.axis_names, strict=True))
+    return f'{name.get(2 * j + 1, "pitch")} is commanded to {value[j, 1]:.3g} {unit}'
 
 
 class FlatStepper:
@@ -408,7 +412,8 @@ class FlatStepper:
             state, history, report = self.planar.advance(state, history, *given, samples, pushes)
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
-                reason = what_is_commanded(angle[stop], rate[stop], pushes.after(stop))
+                given = angle[stop], rate[stop]
+                reason = what_is_commanded(self.scene.robot, *given, pushes.after(stop))
         if reason:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report

@@ -261,10 +261,12 @@ class DenseLoop:
         center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), shape)
         heading = np.column_stack([np.cos(theta), np.sin(theta)])
         points = center[shape.link] + shape.place[:, None] * heading[shape.link]
-        floor = np.array([
-            floor_friction(self.scene, *point, own)
-            for point, own in zip(points, chain.spheres.grip, strict=True)
-        ])
+        floor = np.array(
+            [
+                floor_friction(self.scene, *point, own)
+                for point, own in zip(points, chain.spheres.grip, strict=True)
+            ]
+        )
         mass = np.column_stack([chain.mass, chain.mass, chain.inertia[:, 1, 1]]).ravel()
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [

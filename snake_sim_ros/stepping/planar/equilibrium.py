@@ -19,12 +19,7 @@ from snake_sim_ros.contact.closing import (
     predict_gaps,
 )
 from snake_sim_ros.contact.contacts import Contacts
-from snake_sim_ros.contact.detection import (
-    end_of_capsules,
-    fill_grip,
-    peg_contact,
-    reach_of_step,
-)
+from snake_sim_ros.contact.detection import end_of_capsules, fill_grip, peg_contact, reach_of_step
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges

@@ -87,8 +87,8 @@ class PlanarModel(NamedTuple):
     inertia_axial: Array  # (n,) about the link axis [kg m^2]
     floor: int  # number of the contacts with the floor, one for each sphere
     capsules: Capsules
-    # A link has one sphere or two. The first one of link i has contact i, the other one `second`, or
-    # a record beyond all contacts that bears nothing.
+    # A link has one sphere or two. The first one of link i has contact i, the other one `second`,
+    # or a record beyond all contacts that bears nothing.
     spheres_of_link: Array  # (n,) 1 or 2
     second: Array  # (n,)
     ahead: Array  # (n,) from the center of a link to the middle of its spheres, along it [m]
@@ -160,7 +160,10 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     robot, mass, dt = spatial.robot, spatial.robot.mass, scene.dt
     spheres, present = robot.spheres, robot.places.present
     stiffness, damping, pitch = robot.stiffness, robot.damping, robot.stiffness[:, 1]
+    height = float(flat_heights(scene.robot)[0] + robot.places.distal[0, 1])
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
+    if not present[:, 1].any():  # rigid: contacts alone hold it, unless it is straight
+        stiffest = max(stiffest, -mass.sum() * scene.gravity[2] * height)
     half = scene.robot.per_link('link_length') / 2
     hold = HOLD * float(half[half > 0.0].min()) ** 2
     count, last = np.diff(spheres.begin), spheres.of_link[spheres.begin[1:] - 1]
@@ -168,7 +171,6 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     held = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     keeps_center = held or scene.method == 'bdf2'
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
-    height = float(flat_heights(scene.robot)[0] + robot.places.distal[0, 1])
     return PlanarModel(
         front=robot.places.distal[:, 2].copy(),
         rear=-robot.places.proximal[:, 2],

@@ -14,8 +14,8 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.planar.model import (
-    forget,
     flat_heights,
+    forget,
     make_planar_memory,
     make_planar_model,
     make_planar_workspace,

@@ -32,11 +32,15 @@ from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, Single
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
-SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip [s]
+SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip, or with MOST_EFFORT [s]
+# Iterations of a planar step, in the mean, up to which it takes less time than one in space: of
+# robots given link by link, most of whose links are rigid against each other out of the plane.
+MOST_EFFORT = 4.0
 # Directions and places of links given one by one that differ by less are the same: the rounding of
 # numbers in files.
 SAME_DIRECTION = 1e-5  # [1]
 SAME_PLACE = 1e-6  # [m]
+CHAIN_ITERATIONS = 40  # most of a single step of these
 PLANAR_ITERATIONS = 300  # most iterations of a planar step, before the spatial level takes it
 
 
@@ -205,14 +209,16 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
-        limit = min(scene.solver.iteration_limit, PLANAR_ITERATIONS)
+        rigid = bool(scene.robot.links)
+        limit = CHAIN_ITERATIONS if rigid else PLANAR_ITERATIONS
+        limit = min(scene.solver.iteration_limit, limit)
         slip, share = planar.model.free_slip, AUTO_SLIP_SHARE
         if scene.accuracy > 0.0:
             length = float(scene.robot.per_link('link_length').mean())
             slip, share = min(slip, scene.accuracy * length), min(share, scene.accuracy)
         planar.model = planar.model._replace(
             most_roll=AUTO_ROLL, free_slip=slip, most_slip=share, patient=False,
-            iteration_limit=limit,
+            iteration_limit=limit, most_effort=MOST_EFFORT if rigid else np.inf,
         )  # fmt: skip
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
@@ -271,7 +277,7 @@ class LevelStepper:
             if news.left:
                 if not is_finite(history):
                     history = self.empty_history()  # the numbers are of a step that was not taken
-                pause = self.pause_steps if self.planar.slips else 0
+                pause = self.pause_steps if self.planar.slips or self.planar.tires else 0
                 history.settling[0], self.reason = self.settle_steps + pause, news.left
                 self.note_leaving(history.memory.planar)
             news.left = self.reason if stepper is self.spatial else ''

@@ -28,6 +28,7 @@ STANDING = np.dtype(
         ('part', float),  # share of a step for which the loads act
         ('overloaded', np.int64),  # whether a pitch joint cannot hold the robot flat
         ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
+        ('tires', np.int64),  # whether it is not only because of its iterations
     ]
 )
 ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is neglected [rad]
@@ -52,6 +53,7 @@ class PlanarMemory(NamedTuple):
     roll: Array  # (1,)
     slip: Array  # (1,)
     way: Array  # (1,)
+    effort: Array  # (1,) iterations of the last steps, a mean that forgets; see `moreau.is_planar`
     scheme: Any  # memory of the method, a NamedTuple of arrays, or None
 
     def last_span(self) -> float:
@@ -61,9 +63,9 @@ class PlanarMemory(NamedTuple):
 
 def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
     """Return the memory before the first step, for n links."""
-    one = np.zeros((4, 1))
+    one = np.zeros((5, 1))
     q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
-    return PlanarMemory(one[0], q, u, tilt, one[1], one[2], one[3], scheme)
+    return PlanarMemory(one[0], q, u, tilt, *one[1:], scheme)
 
 
 def forget(memory: PlanarMemory) -> None:
@@ -110,6 +112,7 @@ class PlanarModel(NamedTuple):
     most_roll: float  # largest roll of a planar step [rad]
     free_slip: float  # slip by rolling that is always neglected [m]
     most_slip: float  # share [1] of the way of the center of mass that is neglected beside it
+    most_effort: float  # iterations of a step, in the mean, up to which the plane is worth it
     held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
     patient: bool  # whether a step that does not converge is taken, and counted
     pd_scheme: int  # index in PD_SCHEMES
@@ -202,6 +205,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         most_roll=ROLL_LIMIT,
         free_slip=height * ROLL_LIMIT,
         most_slip=SLIP_SHARE,
+        most_effort=np.inf,
         held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),

@@ -70,6 +70,7 @@ from snake_sim_ros.stepping.steps import (
     Steps,
 )
 
+EFFORT_SHARE = 1 / 32  # share of a step in the mean of iterations
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
 
@@ -240,10 +241,12 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     """
     Return whether the solution of a step is planar, and all links turn by less than pi/2.
 
-    Otherwise the report says which of both does not hold. work.standing.slips is filled.
+    Otherwise the report says which of both does not hold. work.standing is filled: a step is not
+    planar, too, where loads follow friction so closely that the steps in the plane take more
+    iterations than they save.
     """
-    report = steps.report[0]
-    work.standing.slips[0] = 0
+    report, memory = steps.report[0], steps.history.memory
+    work.standing.slips[0] = work.standing.tires[0] = 0
     work.standing.overloaded[0] = is_overloaded(model, work)
     if not (
         (outcome.converged or model.patient)
@@ -253,7 +256,11 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     ):
         report.not_planar = 1
         return False
-    if model.held and slips_too_far(model, work, steps.history.memory):
+    memory.effort[0] += EFFORT_SHARE * (outcome.iterations - memory.effort[0])
+    if memory.effort[0] > model.most_effort:
+        work.standing.tires[0] = report.not_planar = 1
+        return False
+    if model.held and slips_too_far(model, work, memory):
         work.standing.slips[0] = report.not_planar = 1
         return False
     for i in range(len(work.twist)):

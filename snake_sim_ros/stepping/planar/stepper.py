@@ -300,6 +300,8 @@ class PlanarStepper:
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
                 'its way'
             )
+        if self.tires:
+            return 'loads and friction take more iterations together than a step in space'
         if self.is_overloaded:
             return 'a pitch joint would need more torque than its limit to hold the robot flat'
         if not self.rolls_or_lifts:
@@ -310,6 +312,11 @@ class PlanarStepper:
     def slips(self) -> bool:
         """Whether the last step was not planar because contacts slip too far by rolling."""
         return bool(self.work.standing['slips'][0])
+
+    @property
+    def tires(self) -> bool:
+        """Whether the last step was not planar because of the iterations of all last ones."""
+        return bool(self.work.standing['tires'][0])
 
     @property
     def is_overloaded(self) -> bool:

@@ -38,7 +38,7 @@ from snake_sim_ros.nodes.received_commands import (
     RejectedCommand,
 )
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical, what_is_commanded
 from snake_sim_ros.stepping.sampling import joint_motion

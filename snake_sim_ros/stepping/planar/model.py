@@ -65,7 +65,7 @@ def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
     """Return the memory before the first step, for n links."""
     one = np.zeros((5, 1))
     q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
-    return PlanarMemory(one[0], q, u, tilt, *one[1:], scheme)
+    return PlanarMemory(one[0], q, u, tilt, one[1], one[2], one[3], one[4], scheme)
 
 
 def forget(memory: PlanarMemory) -> None:

@@ -70,7 +70,7 @@ from snake_sim_ros.stepping.steps import (
     Steps,
 )
 
-EFFORT_SHARE = 1 / 256  # share of a step in the mean of iterations
+EFFORT_SHARE = 1 / 128  # share of a step in the mean of iterations
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
 
 

@@ -38,7 +38,7 @@ from snake_sim_ros.nodes.received_commands import (
     RejectedCommand,
 )
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.stepping.controlled import command_effort, commanded_effort
 from snake_sim_ros.stepping.levels import is_vertical, what_is_commanded
 from snake_sim_ros.stepping.sampling import joint_motion
@@ -304,7 +304,7 @@ class CommandInbox:
         try:
             command = read()
             if self._simulation.scene.level == 'planar':
-                _refuse_vertical(topic, command)
+                _refuse_vertical(topic, command, self._simulation.scene.robot)
         except RejectedCommand as error:
             self.reject(error)
             raise
@@ -365,12 +365,12 @@ class CommandInbox:
         self._topics = {}
 
 
-def _refuse_vertical(topic: str, command: ReceivedCommand) -> None:
+def _refuse_vertical(topic: str, command: ReceivedCommand, robot: Robot) -> None:
     """Raise if a command moves pitch joints, which the planar level cannot."""
     reference = command.reference
     commanded = 'a pitch joint is commanded to move' if command.moves_pitch else ''
     if is_vertical(reference.angle, reference.rate):
-        commanded = what_is_commanded(reference.angle, reference.rate)
+        commanded = what_is_commanded(robot, reference.angle, reference.rate)
     if commanded:
         raise RejectedCommand('pitch', f'{topic}: {commanded}, but level is planar')
 

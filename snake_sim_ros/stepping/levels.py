@@ -18,8 +18,8 @@ import numpy as np
 from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.scene.posture import gaps
+from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Method, Report, Stepper
 from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
@@ -32,7 +32,15 @@ from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, Single
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
-SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip [s]
+SLIP_PAUSE = 10.0  # time at the spatial level after a larger slip, or with MOST_EFFORT [s]
+# Iterations of a planar step, in the mean, up to which it takes less time than one in space: of
+# robots given link by link, most of whose links are rigid against each other out of the plane.
+MOST_EFFORT = 4.0
+# Directions and places of links given one by one that differ by less are the same: the rounding of
+# numbers in files.
+SAME_DIRECTION = 1e-5  # [1]
+SAME_PLACE = 1e-6  # [m]
+CHAIN_ITERATIONS = 40  # most of a single step of these
 PLANAR_ITERATIONS = 300  # most iterations of a planar step, before the spatial level takes it
 
 
@@ -50,9 +58,7 @@ def what_is_not_planar(scene: Scene, name: str, method: Method) -> str:
     """
     if method.planar is None:
         return f'method {name} has no planar level'
-    if scene.robot.links:
-        return 'robot.links are given one by one, and in the plane links are alike but for numbers'
-    if reason := what_is_not_flat(scene):
+    if reason := what_is_not_flat(scene) or what_is_not_in_plane(scene):
         return reason
     if scene.friction.rolling > 0.0:
         return f'friction.rolling is {scene.friction.rolling:g}, and in the plane nothing rolls'
@@ -78,12 +84,70 @@ def what_is_not_flat(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.ground.heights:
         return 'ground.heights is given, and the plane is flat'
+    if scene.robot.links:
+        return what_does_not_lie_straight(scene.robot)
     radius = scene.robot.per_link('contact_radius')
     if radius.min() < radius.max():
         return (
             f'robot.contact_radius differs from link to link, {radius.min():g} to '
             f'{radius.max():g} m, so that the robot does not lie flat'
         )
+    return ''
+
+
+def what_does_not_lie_straight(robot: Robot) -> str:
+    """
+    Return why links given one by one do not lie flat on a floor, as a clause; empty if they do.
+
+    Their joints then turn about upright axes or axes across the links, are in one line when all
+    joints are at 0, and all spheres touch the floor.
+    """
+    places, spheres, names = robot.chain.places, robot.chain.spheres, robot.link_names
+    turned = np.abs(np.stack([places.inner, places.outer]) - np.eye(3)).max(axis=(0, 2, 3))
+    if turned.max(initial=0.0) > SAME_DIRECTION:
+        j = int(turned.argmax())
+        axis = robot.joints[j].name or f'joint {j + 1}'
+        return f'{axis} turns about an axis that is neither upright nor across the links beside it'
+    gap = gaps(robot, chain_coordinates(robot, np.zeros((robot.link_count - 1, 2))))
+    if np.ptp(gap) > SAME_PLACE:
+        a = int(gap.argmax())
+        return (
+            f'a sphere of link {names[spheres.link[a]]} is {np.ptp(gap):.3g} m above the floor '
+            'when all joints are at 0'
+        )
+    return ''
+
+
+def what_is_not_in_plane(scene: Scene) -> str:
+    """Return why the planar level has not the links of a robot, as a clause; empty if it has."""
+    robot = scene.robot
+    if not robot.links:
+        return ''
+    chain, names = robot.chain, robot.link_names
+    places, spheres, capsules = chain.places, chain.spheres, chain.capsules
+    if not robot.joints:
+        return f'link {names[0]} has no joint, which would hold it flat'
+    count = np.diff(spheres.begin)
+    if not np.isin(count, (1, 2)).all():
+        i = int(np.isin(count, (1, 2)).argmin())
+        return f'link {names[i]} has {count[i]} spheres, and in the plane links have one or two'
+    apart = np.abs(np.concatenate([places.distal[:-1], places.proximal[1:]])[:, :2]).max(axis=1)
+    links = np.concatenate([np.arange(len(names) - 1), np.arange(1, len(names)), spheres.link])
+    apart = np.concatenate([apart, np.abs(spheres.place[:, 0])])
+    if apart.max() > SAME_PLACE:
+        i = links[apart.argmax()]
+        return (
+            f'the center of mass of link {names[i]} is {apart.max():.3g} m beside the line of its '
+            'joints and spheres'
+        )
+    products = np.abs(chain.inertia[:, 1, [0, 2]]).max(axis=1) / chain.inertia[:, 1, 1]
+    if products.max() > SAME_DIRECTION:
+        name = names[int(products.argmax())]
+        return f'link {name} has products of inertia with the upright axis'
+    high = np.maximum(np.abs(capsules.center[:, :2]).max(axis=1), np.abs(capsules.axis[:, 1]))
+    if scene.pegs.x and high.max() > SAME_PLACE:
+        i = capsules.link[high.argmax()]
+        return f'shapes of link {names[i]} do not touch pegs at the height of its joints'
     return ''
 
 
@@ -109,6 +173,9 @@ def what_does_not_lie(scene: Scene, state: State) -> str:
     if not (np.abs(R[:, 2, 0]) <= FLAT_TILT).all():
         i = int(np.abs(R[:, 2, 0]).argmax())
         return f'link {i + 1} is rolled by {np.arcsin(R[i, 2, 0]):.3g} rad'
+    if scene.robot.links and not (np.abs(R[:, 2, 2]) <= FLAT_TILT).all():
+        i = int(np.abs(R[:, 2, 2]).argmax())
+        return f'link {i + 1} is pitched by {-np.arcsin(R[i, 2, 2]):.3g} rad'
     if not (speed <= STILL_SPEED).all():
         return f'link {int(speed.argmax()) + 1} moves vertically at {speed.max():.3g} m/s'
     return ''
@@ -142,14 +209,16 @@ class LevelStepper:
 
     def __init__(self, scene: Scene, planar: PlanarStepper, spatial: SpatialStepper) -> None:
         self.scene, self.planar, self.spatial = scene, planar, spatial
-        limit = min(scene.solver.iteration_limit, PLANAR_ITERATIONS)
+        rigid = bool(scene.robot.links)
+        limit = CHAIN_ITERATIONS if rigid else PLANAR_ITERATIONS
+        limit = min(scene.solver.iteration_limit, limit)
         slip, share = planar.model.free_slip, AUTO_SLIP_SHARE
         if scene.accuracy > 0.0:
             length = float(scene.robot.per_link('link_length').mean())
             slip, share = min(slip, scene.accuracy * length), min(share, scene.accuracy)
         planar.model = planar.model._replace(
             most_roll=AUTO_ROLL, free_slip=slip, most_slip=share, patient=False,
-            iteration_limit=limit,
+            iteration_limit=limit, most_effort=MOST_EFFORT if rigid else np.inf,
         )  # fmt: skip
         self.level = planar.level
         self.settle_steps = max(1, round(scene.settling_time / scene.dt))
@@ -185,7 +254,8 @@ class LevelStepper:
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
             reason, goes_on = '', False
             if vertical[start]:
-                reason = what_is_commanded(angle[start], rate[start], pushes.after(start))
+                given = angle[start], rate[start]
+                reason = what_is_commanded(self.scene.robot, *given, pushes.after(start))
             elif history.settling[0] <= 0:
                 goes_on = self.planar.goes_on(state, history.memory.planar)
                 reason = '' if goes_on else what_does_not_lie(self.scene, state)
@@ -207,7 +277,7 @@ class LevelStepper:
             if news.left:
                 if not is_finite(history):
                     history = self.empty_history()  # the numbers are of a step that was not taken
-                pause = self.pause_steps if self.planar.slips else 0
+                pause = self.pause_steps if self.planar.slips or self.planar.tires else 0
                 history.settling[0], self.reason = self.settle_steps + pause, news.left
                 self.note_leaving(history.memory.planar)
             news.left = self.reason if stepper is self.spatial else ''
@@ -277,7 +347,7 @@ class LevelStepper:
         if self.planar.slips:
             memory.slip[0] = memory.way[0] = 0.0
         elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
-            memory.slip[0] += 2.0 * self.planar.model.radius * AUTO_ROLL
+            memory.slip[0] += 2.0 * self.planar.model.height * AUTO_ROLL
 
     def prepare(self, level: str, state: State, *, single: bool = False) -> None:
         """Compile a level that is not used yet, by a call without steps, and its single steps."""
@@ -297,7 +367,9 @@ class LevelStepper:
             self.used.add(level)
 
 
-def what_is_commanded(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) -> str:
+def what_is_commanded(
+    robot: Robot, angle: Array, rate: Array, pushes: PushTable = NO_PUSHES
+) -> str:
     """Return the largest pitch reference of a step, or the push that lifts, as a clause."""
     if not is_vertical(angle, rate):
         p = pushes.lifting(1)[0]
@@ -305,7 +377,8 @@ def what_is_commanded(angle: Array, rate: Array, pushes: PushTable = NO_PUSHES) 
     commanded = np.abs([angle[:, 1], rate[:, 1]])
     kind, j = np.unravel_index(int(commanded.argmax()), commanded.shape)
     value, unit = ((angle, 'rad'), (rate, 'rad/s'))[kind]
-    return f'joint_{j + 1}_pitch is commanded to {value[j, 1]:.3g} {unit}'
+    name = dict(zip(robot.axis_places.tolist(), robot.axis_names, strict=True))
+    return f'{name.get(2 * j + 1, "pitch")} is commanded to {value[j, 1]:.3g} {unit}'
 
 
 class FlatStepper:
@@ -345,7 +418,8 @@ class FlatStepper:
             state, history, report = self.planar.advance(state, history, *given, samples, pushes)
             self.cycles, reason, report.left = self.planar.cycles, report.left, ''
             if not reason and not report.failure and stop < len(vertical):
-                reason = what_is_commanded(angle[stop], rate[stop], pushes.after(stop))
+                given = angle[stop], rate[stop]
+                reason = what_is_commanded(self.scene.robot, *given, pushes.after(stop))
         if reason:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report

@@ -16,7 +16,7 @@ import numpy as np
 
 from oracle.contact_laws import falling, prox_half_ellipses, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
-from snake_sim_ros import Scene
+from snake_sim_ros import Robot, Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
@@ -30,11 +30,29 @@ BALANCE = 1e-9  # largest error of the balance by rounding, as a share of the lo
 RANK = 1e-9  # below it a singular value, or the bend of a joint for a unit of roll, is rounding
 
 
-def centers(q: Array, half: Array) -> Array:
+class Shape(NamedTuple):
+    """Where joints and spheres are along the links, from their centers."""
+
+    front: Array  # (n,) the next joint [m]
+    rear: Array  # (n,) the joint before, behind the center [m]
+    link: Array  # (m,) of each sphere
+    place: Array  # (m,) the spheres [m]
+    present: Array  # (n-1, 2) 1 for an axis (yaw, pitch), 0 for one that a joint lacks
+
+
+def shape_of(robot: Robot) -> Shape:
+    """Return the shape of a robot."""
+    places, spheres = robot.chain.places, robot.chain.spheres
+    along = places.distal[:, 2], -places.proximal[:, 2], spheres.link, spheres.place[:, 2]
+    return Shape(*along, places.present)
+
+
+def centers(q: Array, shape: Shape) -> Array:
     """Return the link centers of planar coordinates [m], shape (n, 2)."""
-    reach = half[:, None] * np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
-    joints = np.vstack([np.zeros(2), np.cumsum(2 * reach, axis=0)[:-1]])
-    return np.asarray(q[:2] - reach[0] + joints + reach)
+    heading = np.column_stack([np.cos(q[2:]), np.sin(q[2:])])
+    front, rear = shape.front[:, None] * heading, shape.rear[:, None] * heading
+    joints = np.vstack([-rear[0], np.cumsum(front + rear, axis=0)[:-1] - rear[0]])
+    return np.asarray(q[:2] + joints + rear)
 
 
 def flat_frames(theta: Array) -> Array:
@@ -43,62 +61,66 @@ def flat_frames(theta: Array) -> Array:
     return np.moveaxis(np.array([[-s, zero, c], [c, zero, s], [zero, one, zero]]), 2, 0)
 
 
-def directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
+def directions(theta: Array, shape: Shape) -> tuple[Array, Array, Array]:
     """
     Return W_J, W_T and W_tau in the plane: ``W^T u`` are velocities of joints, sliding and yaw.
 
-    Shapes (3n, 2(n-1)), (3n, 4n), (3n, n-1); contacts are numbered as in eq. (10).
+    Shapes (3n, 2(n-1) + k), (3n, 2m), (3n, n-1); k yaw axes that joints lack are held.
     """
-    n = len(theta)
+    n, m = len(theta), len(shape.link)
     W_J, W_T, W_tau = (
         np.zeros((3 * n, 2 * n - 2)),
-        np.zeros((3 * n, 4 * n)),
+        np.zeros((3 * n, 2 * m)),
         np.zeros((3 * n, n - 1)),
     )
+    for a, (i, arm) in enumerate(zip(shape.link, shape.place, strict=True)):
+        row, (c, s) = 3 * i, (math.cos(theta[i]), math.sin(theta[i]))
+        W_T[row : row + 2, 2 * a], W_T[row : row + 2, 2 * a + 1] = (c, s), (-s, c)
+        W_T[row + 2, 2 * a + 1] = arm
     for i, (c, s) in enumerate(zip(np.cos(theta), np.sin(theta), strict=True)):
         row, across = 3 * i, np.array([-s, c])
-        for a, arm in ((i, offset[i]), (n + i, -offset[i])):
-            W_T[row : row + 2, 2 * a], W_T[row : row + 2, 2 * a + 1] = (c, s), across
-            W_T[row + 2, 2 * a + 1] = arm
-        for j, sign in ((i, 1.0), (i - 1, -1.0)):  # the joint at the front, the one at the rear
+        for j, sign, reach in ((i, 1.0, shape.front[i]), (i - 1, -1.0, shape.rear[i])):
             if 0 <= j < n - 1:
                 W_J[row : row + 2, 2 * j : 2 * j + 2] = sign * np.eye(2)
-                W_J[row + 2, 2 * j : 2 * j + 2] = half[i] * across
+                W_J[row + 2, 2 * j : 2 * j + 2] = reach * across
                 W_tau[row + 2, j] = -sign
-    return W_J, W_T, W_tau
+    absent = shape.present[:, 0] == 0.0
+    return np.hstack([W_J, W_tau[:, absent]]), W_T, W_tau * ~absent
 
 
-def upright_directions(theta: Array, half: Array, offset: Array) -> tuple[Array, Array, Array]:
+def upright_directions(theta: Array, shape: Shape) -> tuple[Array, Array, Array]:
     """
-    Return W_J, W_N and the pitch axes out of the plane, shapes (3n, 2(n-1)), (3n, 2n), (3n, n-1).
+    Return W_J, W_N and the pitch axes out of the plane.
 
-    A joint lets its links turn against each other about e_x of the outer one only.
+    Shapes (3n, 2(n-1) + k), (3n, m), (3n, n-1). A joint lets its links turn against each other
+    about e_x of the outer one only, and about nothing if it lacks that axis, as k joints do.
     """
-    n = len(theta)
+    n, m = len(theta), len(shape.link)
     W_J, W_N, axes = (
         np.zeros((3 * n, 2 * n - 2)),
-        np.zeros((3 * n, 2 * n)),
+        np.zeros((3 * n, m)),
         np.zeros((3 * n, n - 1)),
     )
     heading = np.column_stack([np.cos(theta), np.sin(theta)])
+    for a, (i, arm) in enumerate(zip(shape.link, shape.place, strict=True)):
+        W_N[3 * i : 3 * i + 3, a] = 1.0, arm * heading[i, 1], -arm * heading[i, 0]
     for i, (c, s) in enumerate(heading):
         row = 3 * i
-        for a, arm in ((i, offset[i]), (n + i, -offset[i])):
-            W_N[row : row + 3, a] = 1.0, arm * s, -arm * c
-        for j, sign in ((i, 1.0), (i - 1, -1.0)):
+        for j, sign, reach in ((i, 1.0, shape.front[i]), (i - 1, -1.0, shape.rear[i])):
             if 0 <= j < n - 1:
                 x, y = heading[j + 1]
-                W_J[row : row + 3, 2 * j] = sign, half[i] * s, -half[i] * c
+                W_J[row : row + 3, 2 * j] = sign, reach * s, -reach * c
                 W_J[row + 1 : row + 3, 2 * j + 1] = sign * x, sign * y
                 axes[row + 1 : row + 3, j] = sign * y, -sign * x
-    return W_J, W_N, axes
+    absent = shape.present[:, 1] == 0.0
+    return np.hstack([W_J, axes[:, absent]]), W_N, axes * ~absent
 
 
 Loads = tuple[Array, Array, float]
 
 
 def loads_from_friction(
-    theta: Array, half: Array, offset: Array, pitch_stiffness: Array
+    theta: Array, shape: Shape, pitch_stiffness: Array
 ) -> Callable[[Array], Loads]:
     """
     Return a function of a wrench out of the plane (3n,): the impulses of least norm against it.
@@ -109,7 +131,7 @@ def loads_from_friction(
 
     The function returns:
 
-    P_N : ndarray, shape (2n,)
+    P_N : ndarray, shape (m,)
         Normal impulses [N s].
     torque : ndarray, shape (n-1,)
         Impulses of the pitch joints [N m s].
@@ -120,7 +142,7 @@ def loads_from_friction(
     """
     from scipy.linalg import null_space  # 0.1 s, for which no other start should wait
 
-    W_J, W_N, axes = upright_directions(theta, half, offset)
+    W_J, W_N, axes = upright_directions(theta, shape)
     rolling = null_space(np.hstack([W_J, W_N]).T, rcond=RANK)
     bend = axes.T @ rolling
     bend[np.abs(bend) <= RANK] = 0.0  # a straight robot rolls without bending, but for rounding
@@ -150,7 +172,7 @@ def slips_too_far(model: PlanarModel, roll: float, u: Array, memory: PlanarMemor
     way = (
         left * memory.way[0] + model.dt * np.linalg.norm(model.mass @ u[:, :2]) / model.mass.sum()
     )
-    slip = left * memory.slip[0] + model.radius * abs(roll - memory.roll[0])
+    slip = left * memory.slip[0] + model.height * abs(roll - memory.roll[0])
     if slip > model.free_slip + model.most_slip * way:
         return True
     memory.roll[0], memory.slip[0], memory.way[0] = roll, slip, way
@@ -161,14 +183,14 @@ class Terms(NamedTuple):
     """The terms of the balance in the plane at the middle of a step."""
 
     theta: Array  # (n,) headings [rad]
-    friction: Array  # (2n, 3) coefficients forward, backward and across the link
-    W_J: Array  # (3n, 2(n-1))
-    W_T: Array  # (3n, 4n)
+    friction: Array  # (m, 3) coefficients forward, backward and across the link
+    W_J: Array  # (3n, 2(n-1) + k)
+    W_T: Array  # (3n, 2m)
     W_tau: Array  # (3n, n-1)
     M: Array  # (3n, 3n)
     momentum: Array  # (3n,) without the joint axes
     laws: DenseLaws  # of the yaw axes (n-1, 1)
-    viscous: Array  # (4n,) impulse of viscous friction per velocity along and across [kg]
+    viscous: Array  # (2m,) impulse of viscous friction per velocity along and across [kg]
     M_inv: Array  # (3n, 3n) with the implicit part of the laws of the axes
 
 
@@ -176,8 +198,8 @@ class Solution(NamedTuple):
     """Result of the iteration of a step."""
 
     u_E: Array  # (3n,) velocities
-    P_N: Array  # (2n,) [N s]
-    P_T: Array  # (2n, 2) [N s]
+    P_N: Array  # (m,) [N s]
+    P_T: Array  # (m, 2) [N s]
     pitch_torque: Array  # (n-1,) impulses of the pitch joints [N m s]
     roll: float  # see loads_from_friction [rad s]
     iterations: int
@@ -191,6 +213,7 @@ class DenseLoop:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.pitch = scene.robot.per_joint('stiffness')[:, 1]
+        self.shape = shape_of(scene.robot)
 
     def __call__(self, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
         """Take the steps up to the first that is not planar."""
@@ -233,12 +256,18 @@ class DenseLoop:
         """Return the terms of the balance at the middle of a step, for yaw references (n-1,)."""
         dt, scheme = self.scene.dt, PD_SCHEMES.index(self.scene.pd_scheme)
         theta = q[2:] + dt / 2 * u[:, 2]
-        W_J, W_T, W_tau = directions(theta, model.half_length, model.offset)
-        center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), model.half_length)
-        arm = model.offset[:, None] * np.column_stack([np.cos(theta), np.sin(theta)])
-        points = np.vstack([center + arm, center - arm])
-        floor = np.array([floor_friction(self.scene, *point) for point in points])
-        mass = np.column_stack([model.mass, model.mass, model.inertia]).ravel()
+        shape, chain = self.shape, self.scene.robot.chain
+        W_J, W_T, W_tau = directions(theta, shape)
+        center = centers(np.concatenate([q[:2] + dt / 2 * u[0, :2], theta]), shape)
+        heading = np.column_stack([np.cos(theta), np.sin(theta)])
+        points = center[shape.link] + shape.place[:, None] * heading[shape.link]
+        floor = np.array(
+            [
+                floor_friction(self.scene, *point, own)
+                for point, own in zip(points, chain.spheres.grip, strict=True)
+            ]
+        )
+        mass = np.column_stack([chain.mass, chain.mass, chain.inertia[:, 1, 1]]).ravel()
         start, turn = np.diff(q[2:]), np.diff(u[:, 2])
         law = [
             pd_law(scheme, dt, (start[j], turn[j]), (start[j] + dt / 2 * turn[j], turn[j]),
@@ -252,7 +281,7 @@ class DenseLoop:
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
         force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
         M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
-        viscous = dt * viscosity(self.scene, np.arange(2 * len(theta)), floor[:, 4], 0.0)
+        viscous = dt * viscosity(self.scene, np.arange(len(floor)), floor[:, 4], 0.0)
         return Terms(theta, floor[:, :3], W_J, W_T, W_tau, M, momentum, laws, viscous, M)
 
     def with_law(self, terms: Terms, torque: Array, damping: Array) -> Terms:
@@ -269,23 +298,23 @@ class DenseLoop:
     ) -> Solution:
         """Iterate loads and friction from some impulses, up to `limit` times, eqs. (84)-(93)."""
         solver, (theta, _, W_J, W_T, _, _, momentum, *_, M_inv) = self.scene.solver, terms
-        n, half, offset = len(theta), model.half_length, model.offset
+        n, link = len(theta), self.shape.link
         reaction = M_inv @ W_J @ np.linalg.inv(W_J.T @ M_inv @ W_J) if n > 1 else W_J
         c, s = np.cos(theta), np.sin(theta)
-        loads = loads_from_friction(theta, half, offset, self.pitch)
+        loads = loads_from_friction(theta, self.shape, self.pitch)
         iterations, change = 0, math.inf
         while not change < solver.tolerance and iterations < limit:
             u_E = M_inv @ (momentum + W_T @ tangential.ravel())
             u_E = u_E - reaction @ (W_J.T @ u_E)
             total = tangential - (terms.viscous * (W_T.T @ u_E)).reshape(-1, 2)
-            along, across = (total[:n] + total[n:]).T
+            along, across = (np.bincount(link, part, minlength=n) for part in total.T)
             wrench = np.zeros((n, 3))
             wrench[:, 0] = model.mass * model.fall
-            wrench[:, 1] = model.radius * (s * along + c * across)
-            wrench[:, 2] = -model.radius * (c * along - s * across)
+            wrench[:, 1] = model.height * (s * along + c * across)
+            wrench[:, 2] = -model.height * (c * along - s * across)
             P_N, held, roll = loads(wrench.ravel())
             gamma = np.pad((W_T.T @ u_E).reshape(-1, 2), ((0, 0), (1, 2)))
-            friction = terms.friction * falling(self.scene, np.arange(2 * n), gamma)
+            friction = terms.friction * falling(self.scene, np.arange(len(link)), gamma)
             P_T = self.project(tangential, gamma[:, 1:3], P_N, friction)
             change = float(np.linalg.norm(P_N - normal) + np.linalg.norm(P_T - tangential))
             residual = float(np.linalg.norm(P_T - tangential, axis=1).max() / solver.r_sliding)
@@ -295,7 +324,7 @@ class DenseLoop:
         return Solution(u_E, normal, tangential, held, roll, iterations, converged, residual)
 
     def project(self, P: Array, gamma: Array, P_N: Array, friction: Array) -> Array:
-        """Return the friction impulses (2n, 2) after one projection, for given loads (2n,)."""
+        """Return the friction impulses (m, 2) after one projection, for given loads (m,)."""
         radii = friction * np.maximum(P_N, 0.0)[:, None]
         pairs = zip(P - self.scene.solver.r_sliding * gamma, radii, strict=True)
         return np.array([prox_half_ellipses(*x, *radius) for x, radius in pairs])
@@ -312,7 +341,7 @@ class DenseLoop:
         """Move to the end of the step and report it, unless it is not planar; return whether."""
         q, u, history, dt = steps.q, steps.u, steps.history, self.scene.dt
         standing, report, roll = work.standing, steps.report[0], found.roll / dt
-        work.contacts['solution']['impulse'][:, 0] = found.P_N
+        work.contacts['solution']['impulse'][: model.floor, 0] = found.P_N
         standing['least_load'][:], standing['roll'][:] = found.P_N.min(), roll
         standing['part'][:], standing['slips'][:] = 1.0, 0
         laws = model.joint_laws
@@ -327,10 +356,9 @@ class DenseLoop:
             standing['slips'][:] = 1
             return False
         history.impulse[:, 0], history.impulse[:, 1:3] = found.P_N, found.P_T
-        half = model.half_length
-        held_point = model.share @ (centers(q, half) + dt / 2 * (u + u_E)[:, :2])
+        held_point = model.share @ (centers(q, self.shape) + dt / 2 * (u + u_E)[:, :2])
         q[2:] += dt / 2 * (u + u_E)[:, 2]
-        q[:2] += held_point - model.share @ centers(q, half)  # section VII-C
+        q[:2] += held_point - model.share @ centers(q, self.shape)  # section VII-C
         u[:] = u_E
         work.applied[:] = np.column_stack([yaw_torque, found.pitch_torque])
         report['steps'] += 1

@@ -5,13 +5,24 @@
 from dataclasses import replace
 import json
 
-from flat_states import in_plane, lying_flat
+from flat_states import flat_modules, in_plane, lying_flat
 import numpy as np
 import pytest
 from scenes import G, kinetic_energy, references, same_bits, slope
 
-from snake_sim_ros import Friction, ParameterError, Report, Robot, Scene, Simulation, State
+from snake_sim_ros import (
+    Friction,
+    Gait,
+    ParameterError,
+    Report,
+    Robot,
+    Scene,
+    Simulation,
+    State,
+    Wave,
+)
 from snake_sim_ros.commands.main import main
+from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.dynamics.kinematics import FLAT_GAP, FLAT_TILT, STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.recording.recorded_runs import write_npz
@@ -19,6 +30,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import center_of_mass, gaps, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
@@ -66,6 +78,88 @@ def test_levels_agree(scene):
     assert np.abs(energy - other_energy).max() <= 1e-2 * other_energy.max()
 
 
+MODULES = Scene(
+    robot=flat_modules(np.random.default_rng(2), 10),
+    friction=Friction(longitudinal=0.05, transversal=0.3),
+    gait=Gait(yaw=Wave(amplitude=0.6, angular_frequency=2.0, phase_lag=-0.9), soft_start=0.0),
+    dt=DT,
+)
+
+
+@each_method
+def test_links_given_one_by_one_have_the_loads_of_space(method):
+    # The selection rule takes loads that fit velocities of delta = 1e-4 of what they cause: at
+    # first loads are as far apart. Then contacts of space sink, each as its load says, and links
+    # that yaw about axes which are tilted by that lift: in 0.1 s by up to 3e-8 m.
+    scene = replace(MODULES, method=method, dt=DT if method == 'newton' else 5 * DT)
+    steps, more = round(0.5 / scene.dt), round(0.1 / scene.dt)
+    angle, rate = references(scene, steps + more)
+    stepper = make_stepper(scene)
+    start = initial_state(scene), empty_history(scene)
+    state, history, report = stepper.advance(*start, angle[:steps], rate[:steps])
+    assert report.planar_steps == report.steps == steps
+    ends = {}
+    for level in ('planar', 'spatial'):
+        other = make_stepper(replace(scene, level=level))
+        own = getattr(history.memory, level)
+        ends[level] = [
+            other.advance(state, history._replace(memory=own), angle[part], rate[part])
+            for part in (slice(steps, steps + 1), slice(steps, None))
+        ]
+    (one, last), (other_one, other_last) = ends.values()
+    load, other_load = (
+        each[1].impulse[:, 0] / (last_span(replace(scene, level=level), each[1]))
+        for level, each in (('planar', one), ('spatial', other_one))
+    )
+    assert np.abs(load - other_load).max() < 2e-3 * load.max()
+    assert np.abs(one[0].q - other_one[0].q)[:, :3].max() < 1e-6
+    assert np.abs(last[0].q - other_last[0].q)[:, :3].max() < 1e-4
+    assert np.abs(last[0].q - other_last[0].q)[:, 2].max() < 1e-7
+
+
+@pytest.mark.parametrize('dt', [1 / 1000, 1 / 4000])
+def test_methods_have_one_path_in_the_plane(dt):
+    # Of first and second order; the larger step of `bdf2` is as accurate.
+    ends = []
+    for method, step in (('newton', dt), ('bdf2', 4 * dt)):
+        scene = replace(MODULES, method=method, dt=step, level='planar')
+        angle, rate = references(scene, round(2.0 / step))
+        end, _, report = make_stepper(scene).advance(
+            initial_state(scene), empty_history(scene), angle, rate
+        )
+        assert report.status is Status.CONVERGED
+        ends.append(end.q)
+    way = np.linalg.norm((center_of_mass(scene.robot, ends[0]) - start_center(scene))[:2])
+    assert np.abs(ends[0] - ends[1])[:, :2].max() < 2.0 * dt * way
+
+
+def start_center(scene):
+    """Return the center of mass at the start of a scene [m]."""
+    return center_of_mass(scene.robot, initial_state(scene).q)
+
+
+def test_links_given_one_by_one_lie_flat_once_they_are_planar():
+    # A pitch joint lifts modules for 20 ms. They come back to the plane when they have lain still;
+    # what tilts and heights change then is what `levels` allows, and x and y do not jump.
+    scene = replace(MODULES, settling_time=0.05)
+    axis = int(np.flatnonzero(scene.robot.chain.places.present[:, 1])[0])
+    angle, rate = references(scene, 400)
+    angle[50:70, axis, 1] = 0.01
+    steps = level_by_level(scene, initial_state(scene), empty_history(scene), angle, rate)
+    levels = [report.level for _, _, report in steps]
+    back = levels.index('planar', 50)
+    assert levels[:50] == ['planar'] * 50
+    assert levels[50:back] == ['spatial'] * (back - 50)
+    assert steps[50][2].left == f'{scene.robot.axis_names[axis]} is commanded to 0.01 rad'
+    (before, _, _), (after, _, _) = steps[back - 1], steps[back]
+    assert np.abs(after.q - before.q)[:, 2].max() <= FLAT_GAP
+    way = scene.dt / 2 * np.abs(before.u + after.u)[:, :2]
+    assert np.abs(after.q - before.q)[:, :2].max() <= way.max() + 1e-6
+    assert np.abs(gaps(scene.robot, after.q)).max() < 1e-15
+    assert np.abs(rotation_matrices(after.q[:, 3:])[:, 2, [0, 2]]).max() < 1e-15
+    assert np.abs(joint_gaps(scene.robot, after.q)).max() < 1e-12  # as those of space
+
+
 # ---- which one is chosen ------------------------------------------------------------------------
 
 
@@ -77,6 +171,7 @@ def test_levels_agree(scene):
         ('slender_undulation', 'planar'),
         ('sidewinding', 'spatial'),
         ('sinus_lifting', 'spatial'),
+        ('reu_sidewinding', 'spatial'),
     ],
 )
 def test_auto_takes_the_smallest_level(name, level, tmp_path):

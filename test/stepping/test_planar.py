@@ -20,8 +20,7 @@ from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.planar.equilibrium import ROOT_HOLD
-from snake_sim_ros.stepping.planar.model import HOLD
+from snake_sim_ros.stepping.planar.model import HOLD, ROOT_HOLD
 from snake_sim_ros.stepping.state import initial_state
 
 RESIDUAL = 1e-12  # m/s

@@ -50,6 +50,7 @@ from snake_sim_ros.stepping.planar.moreau import (
     begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
+    hold_absent_yaw_axes,
     is_planar,
     joint_impulses_in_plane,
     keep_planar_sample,
@@ -179,10 +180,12 @@ def starts_anew(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -
     for j in range(len(u) - 1):
         c, s = math.cos(q[2 + j]), math.sin(q[2 + j])
         next_c, next_s = math.cos(q[3 + j]), math.sin(q[3 + j])
-        inner, outer = model.half_length[j] * u[j, 2], model.half_length[j + 1] * u[j + 1, 2]
+        inner, outer = model.front[j] * u[j, 2], model.rear[j + 1] * u[j + 1, 2]
         apart_x = u[j + 1, 0] - u[j, 0] + inner * s + outer * next_s
         apart_y = u[j + 1, 1] - u[j, 1] - inner * c - outer * next_c
         fastest = max(fastest, abs(apart_x), abs(apart_y))
+        if model.side[j, 0] == 0.0:
+            fastest = max(fastest, model.front[j] * abs(u[j + 1, 2] - u[j, 2]))
     return fastest <= CONSISTENT_SPEED
 
 
@@ -266,6 +269,7 @@ def begin_planar_part(
             h_q, bend, 0.0, reference, (model.stiffness[j], model.damping[j])
         )
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
+    hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
         begin_predicted_yaw_axes(model, work, (start, hat.heading), u_star, h, h_q)
     fill_predicted_grips(model.patches, model, own, work, h_q)
@@ -401,7 +405,7 @@ def planar_step(
     keep_references(size, rate, memory)
     count_steps(before, report)
     report.steps += 1
-    report.contacts = 2 * len(own.end.u)
+    report.contacts = model.floor
     return True
 
 

@@ -19,17 +19,13 @@ from snake_sim_ros.contact.closing import (
     predict_gaps,
 )
 from snake_sim_ros.contact.contacts import Contacts
-from snake_sim_ros.contact.detection import fill_grip, peg_contact, reach_of_step
+from snake_sim_ros.contact.detection import end_of_capsules, fill_grip, peg_contact, reach_of_step
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
-
-# Share of a contact's stiffness with which the floor holds the robot against rolling. A real floor
-# has none; this reveals a straight robot, which nothing else holds, by its large roll.
-ROOT_HOLD = 1e-10
 
 
 @inlined
@@ -61,9 +57,10 @@ def fill_momentum(model: PlanarModel, work: PlanarWorkspace, u: Array, u_start: 
         A = work.bare[i]
         A[0], A[1], A[2] = model.inertia[i] + m * (x * x + y * y), -m * y, m * x
         A[3], A[4], A[5] = m, 0.0, m
-        c, s = work.heading[i, 0], work.heading[i, 1]
-        vx, vy, omega = u_start[i, 0], u_start[i, 1], u_start[i, 2]
-        fill_link_velocities(work.contacts, i, n, model.offset[i], (c, s), (vx, vy, omega))
+        omega = u_start[i, 2]
+        vx = u_start[i, 0] - omega * (work.middle[i, 1] - y)
+        vy = u_start[i, 1] + omega * (work.middle[i, 0] - x)
+        fill_link_velocities(model, work, i, (vx, vy, omega))
     add_viscous_friction_in_plane(model.laws.other, model, work)
 
 
@@ -76,14 +73,12 @@ def add_viscous_friction_in_plane(
         return
     h, n = model.dt * work.standing.part[0], len(work.heading)
     for i in range(n if other.is_viscous else 0):
-        front, rear = (
-            viscosity(other, h, work.contacts, i),
-            viscosity(other, h, work.contacts, n + i),
-        )
+        front = viscosity(other, h, work.contacts, i)
+        rear = viscosity(other, h, work.contacts, model.second[i])
         along, across = front[0] + rear[0], front[1] + rear[1]
         turning, offset = model.offset[i] * (front[1] - rear[1]), model.offset[i]
         c, s = work.heading[i, 0], work.heading[i, 1]
-        x, y = work.center[i, 0], work.center[i, 1]
+        x, y = work.middle[i, 0], work.middle[i, 1]
         xx, xy, yy, xw, yw = in_axes_of_I(c, s, (along, 0.0, across, 0.0, turning))
         a_x, a_y = xw - y * xx + x * xy, yw - y * xy + x * yy
         A = work.bare[i]
@@ -97,13 +92,13 @@ def add_viscous_friction_in_plane(
 
 @inlined
 def viscous_impulses(
-    other: OtherFriction | None, h: float, contacts: Contacts, i: int, n: int
+    other: OtherFriction | None, model: PlanarModel, h: float, contacts: Contacts, i: int
 ) -> tuple[float, float]:
-    """Return the impulse of viscous friction in a time h [s] along and across link i of n."""
+    """Return the impulse of viscous friction in a time h [s] along and across link i."""
     if other is None:
         return 0.0, 0.0
     along = across = 0.0
-    for a in (i, n + i):
+    for a in (i, model.second[i]):
         c_x, c_y = viscosity(other, h, contacts, a)
         along, across = (
             along - c_x * contacts.solution.gamma[a, 1],
@@ -121,7 +116,7 @@ def place_links_in_plane(
 
     `weight_velocity` is the vertical velocity that the weight adds in this part of a step [m/s].
     """
-    heading, center, half = work.heading, work.center, model.half_length
+    heading, center, front, rear = work.heading, work.center, model.front, model.rear
     work.standing.part[0] = weight_velocity / model.fall
     n = len(heading)
     root = n // 2
@@ -129,36 +124,40 @@ def place_links_in_plane(
     for k in range(root):
         i = root - 1 - k
         for axis in range(2):
-            step = half[i] * heading[i, axis] + half[i + 1] * heading[i + 1, axis]
+            step = front[i] * heading[i, axis] + rear[i + 1] * heading[i + 1, axis]
             center[i, axis] = center[i + 1, axis] - step
         i = root + 1 + k
         if i < n:
             for axis in range(2):
-                step = half[i - 1] * heading[i - 1, axis] + half[i] * heading[i, axis]
+                step = front[i - 1] * heading[i - 1, axis] + rear[i] * heading[i, axis]
                 center[i, axis] = center[i - 1, axis] + step
     flat, upright = work.chain.axis, work.upright.axis
     for j in range(n - 1):
-        x = center[j, 0] + half[j] * heading[j, 0]
-        y = center[j, 1] + half[j] * heading[j, 1]
-        sign = 1.0 if j >= root else -1.0
+        x = center[j, 0] + front[j] * heading[j, 0]
+        y = center[j, 1] + front[j] * heading[j, 1]
+        sign = model.side[j, 0]
         flat[j, 0], flat[j, 1], flat[j, 2] = sign, sign * y, -sign * x
+        sign = model.side[j, 1]
         a, b = -sign * heading[j + 1, 1], sign * heading[j + 1, 0]  # e_x of link j+1
         upright[j, 0], upright[j, 1], upright[j, 2] = a, b, b * x - a * y
         work.upright.damping[j] = model.hold[j]
     for i in range(n):
         x, y, fall = center[i, 0], center[i, 1], model.mass[i] * weight_velocity
-        reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
-        A = work.upright.inertia[i]  # of contacts at +- reach: (y, -x, 1) times itself
-        A[0], A[1] = 2.0 * (y * y + reach_y * reach_y), -2.0 * (x * y + reach_x * reach_y)
-        A[2] = 2.0 * y
-        A[3], A[4], A[5] = 2.0 * (x * x + reach_x * reach_x), -2.0 * x, 2.0
         work.weight[i, 0] = work.impact[i, 0] + y * fall
         work.weight[i, 1] = work.impact[i, 1] - x * fall
         work.weight[i, 2] = work.impact[i, 2] + fall
+        ahead = model.ahead[i]
+        x, y = x + ahead * heading[i, 0], y + ahead * heading[i, 1]
+        work.middle[i, 0], work.middle[i, 1] = x, y
+        reach_x, reach_y = model.offset[i] * heading[i, 0], model.offset[i] * heading[i, 1]
+        A, count = work.upright.inertia[i], model.spheres_of_link[i]
+        # Of contacts at +- reach: (y, -x, 1) times itself.
+        A[0], A[1] = count * (y * y + reach_y * reach_y), -count * (x * y + reach_x * reach_y)
+        A[2] = count * y
+        A[3], A[4], A[5] = count * (x * x + reach_x * reach_x), -count * x, count
     A = work.upright.inertia[root]
-    unheld = ROOT_HOLD * half[root] * half[root]
-    A[0] += unheld
-    A[3] += unheld
+    A[0] += model.root_hold
+    A[3] += model.root_hold
     factor_hinges(work.upright)
 
 
@@ -176,21 +175,23 @@ def fill_grips(
         return
     n = len(work.heading)
     for i in range(n):
-        center_x, center_y = x + work.center[i, 0], y + work.center[i, 1]
+        middle_x, middle_y, own = x + work.middle[i, 0], y + work.middle[i, 1], model.grip[i]
         arm_x, arm_y = model.offset[i] * work.heading[i, 0], model.offset[i] * work.heading[i, 1]
-        fill_grip(patches, work.contacts, i, (center_x + arm_x, center_y + arm_y), 1.0)
-        fill_grip(patches, work.contacts, n + i, (center_x - arm_x, center_y - arm_y), 1.0)
+        place, other = (middle_x + arm_x, middle_y + arm_y), (middle_x - arm_x, middle_y - arm_y)
+        fill_grip(patches, work.contacts, i, place, own)
+        if model.spheres_of_link[i] > 1.0:
+            fill_grip(patches, work.contacts, model.second[i], other, own)
 
 
 @inlined
-def fill_link_velocities(
-    contacts: Contacts, i: int, n: int, offset: float, heading: tuple[float, float], v: Three
-) -> None:
-    """Fill the sliding velocities of both contacts of link i with velocities x, y and turn."""
-    solution, (c, s), (vx, vy, omega) = contacts.solution, heading, v
-    along, across, turning = c * vx + s * vy, c * vy - s * vx, offset * omega
-    solution.gamma[i, 1] = solution.gamma[n + i, 1] = along
-    solution.gamma[i, 2], solution.gamma[n + i, 2] = across + turning, across - turning
+def fill_link_velocities(model: PlanarModel, work: PlanarWorkspace, i: int, v: Three) -> None:
+    """Fill the sliding velocities of the contacts of link i, from that of their middle."""
+    solution, (vx, vy, omega) = work.contacts.solution, v
+    c, s = work.heading[i, 0], work.heading[i, 1]
+    along, across, turning = c * vx + s * vy, c * vy - s * vx, model.offset[i] * omega
+    a = model.second[i]
+    solution.gamma[i, 1] = solution.gamma[a, 1] = along
+    solution.gamma[i, 2], solution.gamma[a, 2] = across + turning, across - turning
 
 
 @inlined
@@ -198,11 +199,10 @@ def planar_contact_velocities(model: PlanarModel, work: PlanarWorkspace) -> None
     """Fill the sliding velocities of all contacts with the floor, from work.twist."""
     n = len(work.heading)
     for i in range(n):
-        x, y = work.center[i, 0], work.center[i, 1]
-        c, s = work.heading[i, 0], work.heading[i, 1]
+        x, y = work.middle[i, 0], work.middle[i, 1]
         w = work.twist[i, 0]
         vx, vy = work.twist[i, 1] - w * y, work.twist[i, 2] + w * x
-        fill_link_velocities(work.contacts, i, n, model.offset[i], (c, s), (vx, vy, w))
+        fill_link_velocities(model, work, i, (vx, vy, w))
 
 
 @compiled
@@ -221,11 +221,12 @@ def planar_twists(model: PlanarModel, work: PlanarWorkspace) -> None:
     solution = contacts.solution
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along = solution.impulse[i, 1] + solution.impulse[n + i, 1]
-        across = solution.impulse[i, 2] + solution.impulse[n + i, 2]
-        moment = model.offset[i] * (solution.impulse[i, 2] - solution.impulse[n + i, 2])
+        a = model.second[i]
+        along = solution.impulse[i, 1] + solution.impulse[a, 1]
+        across = solution.impulse[i, 2] + solution.impulse[a, 2]
+        moment = model.offset[i] * (solution.impulse[i, 2] - solution.impulse[a, 2])
         px, py = c * along - s * across, s * along + c * across
-        moment += work.center[i, 0] * py - work.center[i, 1] * px
+        moment += work.middle[i, 0] * py - work.middle[i, 1] * px
         chain.wrench[i, 0] = work.momentum[i, 0] + moment
         chain.wrench[i, 1] = work.momentum[i, 1] + px
         chain.wrench[i, 2] = work.momentum[i, 2] + py
@@ -249,22 +250,23 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
     h = model.dt * work.standing.part[0]
     for i in range(n):
         c, s = work.heading[i, 0], work.heading[i, 1]
-        along, across = viscous_impulses(model.laws.other, h, contacts, i, n)
-        along += solution.impulse[i, 1] + solution.impulse[n + i, 1]
-        across += solution.impulse[i, 2] + solution.impulse[n + i, 2]
+        a = model.second[i]
+        along, across = viscous_impulses(model.laws.other, model, h, contacts, i)
+        along += solution.impulse[i, 1] + solution.impulse[a, 1]
+        across += solution.impulse[i, 2] + solution.impulse[a, 2]
         if abs(across) <= model.mass[i] * model.laws.residual_tolerance:
             across = 0.0
-        upright.wrench[i, 0] = work.weight[i, 0] + model.radius * (s * along + c * across)
-        upright.wrench[i, 1] = work.weight[i, 1] - model.radius * (c * along - s * across)
+        upright.wrench[i, 0] = work.weight[i, 0] + model.height * (s * along + c * across)
+        upright.wrench[i, 1] = work.weight[i, 1] - model.height * (c * along - s * across)
         upright.wrench[i, 2] = work.weight[i, 2]
     solve_hinges(upright, work.no_torque)
     least, turn = math.inf, 0.0
     for i in range(n):
         wx, wy = upright.twist[i, 0], upright.twist[i, 1]
         c, s = work.heading[i, 0], work.heading[i, 1]
-        load = wy * work.center[i, 0] - wx * work.center[i, 1] - upright.twist[i, 2]
-        lever = model.offset[i] * (wy * c - wx * s)
-        solution.impulse[i, 0], solution.impulse[n + i, 0] = load + lever, load - lever
+        load = wy * work.middle[i, 0] - wx * work.middle[i, 1] - upright.twist[i, 2]
+        lever, a = model.offset[i] * (wy * c - wx * s), model.second[i]
+        solution.impulse[i, 0], solution.impulse[a, 0] = load + lever, load - lever
         least = min(least, load - abs(lever))
         turn = max(turn, abs(wx * c + wy * s))
     root = n // 2
@@ -277,37 +279,39 @@ def find_loads(model: PlanarModel, work: PlanarWorkspace) -> None:
 @inlined
 def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> int:
     """Fill the contacts with pegs that may close in the step; return their number."""
-    n, count, contacts = len(u), 0, work.contacts
+    floor, capsules = model.floor, model.capsules
+    count, contacts = 0, work.contacts
     geometry, solution = contacts.geometry, contacts.solution
     most = reach_of_step(model.closed_gap, 0.5 * model.dt)
     for k in range(len(model.pegs)):
         peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
         x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
-        for i in range(n):
-            link_x = x + work.center[i, 0] - work.center[0, 0]
-            link_y = y + work.center[i, 1] - work.center[0, 1]
-            reach = model.offset[i] + model.radius + peg_radius + most
-            if (peg_x - link_x) ** 2 + (peg_y - link_y) ** 2 > reach * reach:
-                continue
+        for m in range(len(capsules.link)):
+            i, middle, radius = capsules.link[m], capsules.center[m, 2], capsules.radius[m]
             c, s = work.heading[i, 0], work.heading[i, 1]
+            axis_x = x + work.center[i, 0] - work.center[0, 0] + middle * c
+            axis_y = y + work.center[i, 1] - work.center[0, 1] + middle * s
+            reach = capsules.half[m] + radius + peg_radius + most
+            if (peg_x - axis_x) ** 2 + (peg_y - axis_y) ** 2 > reach * reach:
+                continue
             arm, distance, normal_x, normal_y = peg_contact(
-                (link_x, link_y), (c, s), model.offset[i], (peg_x, peg_y)
+                (axis_x, axis_y), (c, s), capsules.half[m], (peg_x, peg_y)
             )
-            gap = distance - peg_radius - model.radius
+            gap = distance - peg_radius - radius
             if gap <= most:
-                a = model.first_peg + k * n + i
-                work.closed[2 * n + count] = a
+                a = model.first_peg + k * len(capsules.link) + m
+                work.closed[floor + count] = a
                 count += 1
                 geometry.link[a], geometry.gap[a], solution.shift[a] = i, gap, 0.0
                 geometry.heading[a, 0], geometry.heading[a, 1] = -normal_y, normal_x
-                point_x = arm * c - model.radius * normal_x
-                point_y = arm * s - model.radius * normal_y
+                point_x = (middle + arm) * c - radius * normal_x
+                point_y = (middle + arm) * s - radius * normal_y
                 geometry.point[a, 0] = work.center[i, 0] + point_x
                 geometry.point[a, 1] = work.center[i, 1] + point_y
                 vx, vy = u[i, 0] - u[i, 2] * point_y, u[i, 1] + u[i, 2] * point_x
                 solution.gamma[a, 0] = normal_x * vx + normal_y * vy
                 solution.gamma[a, 1] = normal_x * vy - normal_y * vx
-    predict_gaps(model.closed_gap, model.dt, work.closed[2 * n : 2 * n + count], contacts)
+    predict_gaps(model.closed_gap, model.dt, work.closed[floor : floor + count], contacts)
     return count
 
 
@@ -422,18 +426,20 @@ def move_links_in_plane(work: PlanarWorkspace, h: float, q: Array) -> None:
 def peg_gaps(model: PlanarModel, contacts: Contacts, q: Array) -> float:
     """Fill the end gaps of all contacts with pegs; return the largest penetration [m]."""
     deepest = x = y = reach_x = reach_y = 0.0
-    n = len(model.mass)
-    for i in range(n if len(model.pegs) > 0 else 0):
+    capsules, end = model.capsules, 0
+    for i in range(len(model.mass) if len(model.pegs) > 0 else 0):
         c, s = math.cos(q[2 + i]), math.sin(q[2 + i])
-        half = model.half_length[i]
         if i > 0:
-            x, y = x + reach_x + half * c, y + reach_y + half * s
-        reach_x, reach_y = half * c, half * s
-        for k in range(len(model.pegs)):
-            _, distance, _, _ = peg_contact(
-                (q[0] + x, q[1] + y), (c, s), model.offset[i], (model.pegs[k, 0], model.pegs[k, 1])
-            )
-            gap = distance - model.pegs[k, 2] - model.radius
-            contacts.solution.end_gap[model.first_peg + k * n + i] = gap
-            deepest = max(deepest, -gap)
+            x, y = x + reach_x + model.rear[i] * c, y + reach_y + model.rear[i] * s
+        reach_x, reach_y = model.front[i] * c, model.front[i] * s
+        begin, end = end, end_of_capsules(capsules, end, i)
+        for m in range(begin, end):
+            middle = capsules.center[m, 2]
+            place = q[0] + x + middle * c, q[1] + y + middle * s
+            for k in range(len(model.pegs)):
+                peg = model.pegs[k, 0], model.pegs[k, 1]
+                _, distance, _, _ = peg_contact(place, (c, s), capsules.half[m], peg)
+                gap = distance - model.pegs[k, 2] - capsules.radius[m]
+                contacts.solution.end_gap[model.first_peg + k * len(capsules.link) + m] = gap
+                deepest = max(deepest, -gap)
     return deepest

@@ -13,8 +13,10 @@ from snake_sim_ros.dynamics.compilation import record_array
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
+from snake_sim_ros.scene.chain import Capsules
 from snake_sim_ros.scene.obstacles import contact_count, contact_links, first_peg, is_flat
-from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Scene
+from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
+from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import named_arrays
 
@@ -26,6 +28,7 @@ STANDING = np.dtype(
         ('part', float),  # share of a step for which the loads act
         ('overloaded', np.int64),  # whether a pitch joint cannot hold the robot flat
         ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
+        ('tires', np.int64),  # whether it is not only because of its iterations
     ]
 )
 ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is neglected [rad]
@@ -50,6 +53,7 @@ class PlanarMemory(NamedTuple):
     roll: Array  # (1,)
     slip: Array  # (1,)
     way: Array  # (1,)
+    effort: Array  # (1,) iterations of the last steps, a mean that forgets; see `moreau.is_planar`
     scheme: Any  # memory of the method, a NamedTuple of arrays, or None
 
     def last_span(self) -> float:
@@ -59,9 +63,9 @@ class PlanarMemory(NamedTuple):
 
 def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
     """Return the memory before the first step, for n links."""
-    one = np.zeros((4, 1))
+    one = np.zeros((5, 1))
     q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
-    return PlanarMemory(one[0], q, u, tilt, one[1], one[2], one[3], scheme)
+    return PlanarMemory(one[0], q, u, tilt, one[1], one[2], one[3], one[4], scheme)
 
 
 def forget(memory: PlanarMemory) -> None:
@@ -75,17 +79,30 @@ def forget(memory: PlanarMemory) -> None:
 class PlanarModel(NamedTuple):
     """The numbers of a planar scene, as `stepping.model.Model`, with pegs and patches."""
 
-    half_length: Array  # (n,) half of the link lengths [m]
+    front: Array  # (n,) from the center of a link to the next joint [m]
+    rear: Array  # (n,) from the joint before to the center of a link [m]
+    # (n-1, 2) sign of an axis (yaw, pitch) as seen from the middle link, 0 if a joint lacks it
+    side: Array
+    complete: bool  # whether all joints have two axes
     mass: Array  # (n,) [kg]
     inertia: Array  # (n,) about the vertical [kg m^2]
     inertia_axial: Array  # (n,) about the link axis [kg m^2]
-    offset: Array  # (n,) contact_offset [m]
-    radius: float  # contact_radius of all links [m]
+    floor: int  # number of the contacts with the floor, one for each sphere
+    capsules: Capsules
+    # A link has one sphere or two. The first one of link i has contact i, the other one `second`,
+    # or a record beyond all contacts that bears nothing.
+    spheres_of_link: Array  # (n,) 1 or 2
+    second: Array  # (n,)
+    ahead: Array  # (n,) from the center of a link to the middle of its spheres, along it [m]
+    offset: Array  # (n,) from this middle to the first sphere [m]
+    grip: Array  # (n,) factor of friction of the link
+    height: float  # of joints and link centers over the floor [m]
     stiffness: Array  # (n-1,) of the yaw joints [N m/rad]
     damping: Array  # (n-1,) [N m s/rad]
     joint_laws: JointLaws
     hold: Array  # (n-1,) springs of the pitch joints in `PlanarWorkspace.upright` [m^2]
-    roll_compliance: float  # roll of a link over its turning in `PlanarWorkspace.upright`
+    root_hold: float  # what resists rolling of the middle link there [m^2]
+    roll_compliance: float  # roll of a link over its turning there
     fall: float  # vertical velocity that the weight adds in a step [m/s]
     share: Array  # (n,) weights [1] of the links in the point that section VII-C holds
     laws: Laws
@@ -95,6 +112,7 @@ class PlanarModel(NamedTuple):
     most_roll: float  # largest roll of a planar step [rad]
     free_slip: float  # slip by rolling that is always neglected [m]
     most_slip: float  # share [1] of the way of the center of mass that is neglected beside it
+    most_effort: float  # iterations of a step, in the mean, up to which the plane is worth it
     held: bool  # whether pitch joints hold the robot; if not, its roll is rounding
     patient: bool  # whether a step that does not converge is taken, and counted
     pd_scheme: int  # index in PD_SCHEMES
@@ -117,12 +135,13 @@ class PlanarWorkspace(NamedTuple):
     bare: Array  # (n, 6) inertias of the links about O, in the plane [kg m^2], [kg m], [kg]
     applied: Array  # (n-1, 2) impulses of the joints with the implicit part [N m s]
     axes: AxisLaws
+    middle: Array  # (n, 2) middles of the contacts of the links with the floor, from O [m]
     impact: Array  # (n, 3) momentum out of the plane that the first step stops
     weight: Array  # (n, 3) loads out of the plane without those of the contacts
     no_torque: Array  # (n-1,) zeros
     chain: HingeChain  # in the plane
     upright: HingeChain  # out of the plane, with a spring at each contact
-    closed: Array  # (c,) begins with the numbers of the closed contacts, first the 2n of the floor
+    closed: Array  # (c,) begins with the numbers of the closed contacts, first those of the floor
     contacts: Contacts  # all contacts of the scene
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     moving: Array  # (n, 3) velocities that move the coordinates to the end, as `u`
@@ -132,32 +151,50 @@ class PlanarWorkspace(NamedTuple):
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found.
 # It is so small that they carry nothing else, and so large that rounding does not matter.
 HOLD = 1e-5
+# Share of a contact's stiffness with which the floor holds the robot against rolling. A real floor
+# has none; this reveals a straight robot, which nothing else holds, by its large roll.
+ROOT_HOLD = 1e-10
 LIMP_STIFFNESS = 1e-6  # pitch stiffness up to which joints do not hold the robot [N m/rad]
 
 
 def make_planar_model(scene: Scene) -> PlanarModel:
     """Return the model of a planar scene."""
     spatial, n = make_model(scene), scene.robot.link_count
-    half, mass, dt = scene.robot.per_link('link_length') / 2, spatial.robot.mass, scene.dt
-    stiffness, damping = spatial.robot.stiffness, spatial.robot.damping
-    pitch = stiffness[:, 1]
+    robot, mass, dt = spatial.robot, spatial.robot.mass, scene.dt
+    spheres, present = robot.spheres, robot.places.present
+    stiffness, damping, pitch = robot.stiffness, robot.damping, robot.stiffness[:, 1]
+    height = float(flat_heights(scene.robot)[0] + robot.places.distal[0, 1])
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
-    hold = HOLD * float(half.min()) ** 2
+    if not present[:, 1].any():  # rigid: contacts alone hold it, unless it is straight
+        stiffest = max(stiffest, -mass.sum() * scene.gravity[2] * height)
+    half = scene.robot.per_link('link_length') / 2
+    hold = HOLD * float(half[half > 0.0].min()) ** 2
+    count, last = np.diff(spheres.begin), spheres.of_link[spheres.begin[1:] - 1]
+    first, second = spheres.place[:n, 2], spheres.place[last, 2]
     held = scene.drift_correction == DRIFT_CORRECTIONS[CENTER_OF_MASS]
     keeps_center = held or scene.method == 'bdf2'
     share = mass / mass.sum() if keeps_center else np.eye(n)[0]
-    radius = float(scene.robot.per_link('contact_radius')[0])
     return PlanarModel(
-        half_length=half,
+        front=robot.places.distal[:, 2].copy(),
+        rear=-robot.places.proximal[:, 2],
+        side=np.where(np.arange(n - 1) < n // 2, -1.0, 1.0)[:, None] * present,
+        complete=robot.places.complete,
         mass=mass,
-        inertia=spatial.robot.inertia_transversal,
-        inertia_axial=spatial.robot.inertia_axial,
-        offset=scene.robot.per_link('contact_offset'),
-        radius=radius,
+        inertia=robot.inertia_transversal + robot.uneven[:, 1, 1],
+        inertia_axial=robot.inertia_axial,
+        floor=len(spheres.link),
+        capsules=robot.capsules,
+        spheres_of_link=count.astype(float),
+        second=np.where(count > 1, last, contact_count(scene)),
+        ahead=0.5 * (first + second),
+        offset=0.5 * (first - second),
+        grip=spheres.grip[:n],
+        height=height,
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),
-        joint_laws=spatial.robot.joint_laws,
-        hold=hold * pitch / stiffest,
+        joint_laws=robot.joint_laws,
+        hold=np.where(present[:, 1] > 0.0, hold * pitch / stiffest, 1.0),
+        root_hold=ROOT_HOLD * half[n // 2] * half[n // 2],
         roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],
         share=share,
@@ -166,8 +203,9 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         iteration_limit=scene.solver.iteration_limit,
         path_tolerance=spatial.path_tolerance,
         most_roll=ROLL_LIMIT,
-        free_slip=radius * ROLL_LIMIT,
+        free_slip=height * ROLL_LIMIT,
         most_slip=SLIP_SHARE,
+        most_effort=np.inf,
         held=bool(pitch.max(initial=0.0) > LIMP_STIFFNESS),
         patient=True,
         pd_scheme=PD_SCHEMES.index(scene.pd_scheme),
@@ -179,11 +217,20 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     )
 
 
+def flat_heights(robot: Robot) -> Array:
+    """Return the heights of the link centers of a robot that lies flat, shape (n,) [m]."""
+    q = chain_coordinates(robot, np.zeros((robot.link_count - 1, 2)))
+    return np.asarray(q[:, 2] - gaps(robot, q).min())
+
+
 def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
     """Return the workspace for a planar scene."""
     n, count = scene.robot.link_count, contact_count(scene)
     closed = np.zeros(count, np.int64)
-    closed[: 2 * n] = np.array([[i, n + i] for i in range(n)]).ravel()
+    floor = scene.robot.chain.spheres.of_link
+    closed[: len(floor)] = floor
+    contacts = make_contacts(np.append(contact_links(scene), [[-1, -1]], axis=0))
+    contacts['geometry']['grip'][count] = 0.0
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
         center=np.zeros((n, 2)),
@@ -192,13 +239,14 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         bare=np.zeros((n, 6)),
         applied=np.zeros((n - 1, 2)),
         axes=make_axis_laws(n),
+        middle=np.zeros((n, 2)),
         impact=np.zeros((n, 3)),
         weight=np.zeros((n, 3)),
         no_torque=np.zeros(n - 1),
         chain=make_chain(n),
         upright=make_chain(n),
         closed=closed,
-        contacts=make_contacts(contact_links(scene)),
+        contacts=contacts,
         twist=np.zeros((n, 3)),
         moving=np.zeros((n, 3)),
         standing=record_array(1, STANDING),

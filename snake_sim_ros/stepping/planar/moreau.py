@@ -70,7 +70,18 @@ from snake_sim_ros.stepping.steps import (
     Steps,
 )
 
+EFFORT_SHARE = 1 / 128  # share of a step in the mean of iterations
 SLIP_MEMORY = 3.0  # time constant with which slip and way are forgotten [s]
+
+
+@inlined
+def hold_absent_yaw_axes(model: PlanarModel, work: PlanarWorkspace) -> None:
+    """Fill the loads of yaw axes that a joint does not have; see `balance.hold_absent_axes`."""
+    if model.complete:
+        return
+    for j in range(len(work.torque)):
+        if model.side[j, 0] == 0.0:
+            work.torque[j], work.chain.damping[j] = 0.0, 1.0
 
 
 @inlined
@@ -174,6 +185,7 @@ def begin_planar_impact(model: PlanarModel, work: PlanarWorkspace) -> None:
         work.torque[j], work.chain.damping[j] = begin_axis_impact(
             model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
         )
+    hold_absent_yaw_axes(model, work)
 
 
 @inlined
@@ -197,7 +209,7 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
     Returns
     -------
     int
-        Number of closed contacts: all 2n with the floor, and those with pegs.
+        Number of closed contacts: all with the floor, and those with pegs.
 
     """
     q, u, angle, rate = steps.q, steps.u, steps.angle[k], steps.rate[k]
@@ -213,6 +225,7 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
             (angle[j, 0], rate[j, 0]), (model.stiffness[j], model.damping[j]),
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
+    hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
         begin_yaw_axes(model, work, q, u)
     x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
@@ -220,7 +233,7 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
     fill_momentum(model, work, u, u)
     stretch = whole_step(steps.pushes, k)
     add_pushes_in_plane(steps.pushes, stretch, dt, work.heading, work.center, work.momentum)
-    return 2 * n + find_peg_contacts(model, work, q, u)
+    return model.floor + find_peg_contacts(model, work, q, u)
 
 
 @inlined
@@ -228,10 +241,12 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     """
     Return whether the solution of a step is planar, and all links turn by less than pi/2.
 
-    Otherwise the report says which of both does not hold. work.standing.slips is filled.
+    Otherwise the report says which of both does not hold. work.standing is filled: a step is not
+    planar, too, where loads follow friction so closely that the steps in the plane take more
+    iterations than they save.
     """
-    report = steps.report[0]
-    work.standing.slips[0] = 0
+    report, memory = steps.report[0], steps.history.memory
+    work.standing.slips[0] = work.standing.tires[0] = 0
     work.standing.overloaded[0] = is_overloaded(model, work)
     if not (
         (outcome.converged or model.patient)
@@ -241,7 +256,11 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     ):
         report.not_planar = 1
         return False
-    if model.held and slips_too_far(model, work, steps.history.memory):
+    memory.effort[0] += EFFORT_SHARE * (outcome.iterations - memory.effort[0])
+    if memory.effort[0] > model.most_effort:
+        work.standing.tires[0] = report.not_planar = 1
+        return False
+    if model.held and slips_too_far(model, work, memory):
         work.standing.slips[0] = report.not_planar = 1
         return False
     for i in range(len(work.twist)):
@@ -269,7 +288,7 @@ def slips_too_far(model: PlanarModel, work: PlanarWorkspace, memory: PlanarMemor
     h = model.dt * work.standing.part[0]
     left = 1.0 / (1.0 + h / SLIP_MEMORY)
     turn = abs(work.standing.roll[0] - memory.roll[0])
-    slip = left * memory.slip[0] + model.radius * turn
+    slip = left * memory.slip[0] + model.height * turn
     way = left * memory.way[0] + h * math.sqrt(p_x * p_x + p_y * p_y) / mass
     if not slip <= model.free_slip + model.most_slip * way:
         return True
@@ -323,7 +342,7 @@ def end_planar_step(
     note_outcome(outcome, report)
     report.steps += 1
     report.contacts = count
-    depth = close_pegs(model, work, work.closed[2 * len(u) : count], q)
+    depth = close_pegs(model, work, work.closed[model.floor : count], q)
     report.penetration_max = max(report.penetration_max, depth)
     return True
 
@@ -343,11 +362,10 @@ def held_point(model: PlanarModel, q: Array) -> tuple[float, float]:
     """Return x and y of the point that section VII-C holds, from the center of link 1 [m]."""
     x = y = held_x = held_y = reach_x = reach_y = 0.0
     for i in range(len(model.mass) if model.keeps_center else 0):
-        step_x = model.half_length[i] * math.cos(q[2 + i])
-        step_y = model.half_length[i] * math.sin(q[2 + i])
+        c, s = math.cos(q[2 + i]), math.sin(q[2 + i])
         if i > 0:
-            x, y = x + reach_x + step_x, y + reach_y + step_y
-        reach_x, reach_y = step_x, step_y
+            x, y = x + reach_x + model.rear[i] * c, y + reach_y + model.rear[i] * s
+        reach_x, reach_y = model.front[i] * c, model.front[i] * s
         held_x += model.share[i] * x
         held_y += model.share[i] * y
     return held_x, held_y
@@ -378,7 +396,7 @@ def solve_planar_step(
     `work.moving` has the velocities that move the coordinates.
     """
     history, report, lands = without_memory(steps.history), steps.report[0], False
-    most, floor = report.iterations + model.iteration_limit, 2 * len(steps.u)
+    most, floor = report.iterations + model.iteration_limit, model.floor
     while True:  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)

@@ -195,15 +195,15 @@ def add_sliding_laws(model: PlanarModel, work: PlanarWorkspace, again: bool) -> 
     for i in range(n):
         offset = model.offset[i]
         P_x, P_y, S_xx, S_xy, S_yy = sliding_law(laws, contacts, i, again)
-        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(laws, contacts, n + i, again)
-        # Along and across the link, and about its center.
+        Q_x, Q_y, T_xx, T_xy, T_yy = sliding_law(laws, contacts, model.second[i], again)
+        # Along and across the link, and about the middle of its contacts.
         along, across, moment = P_x + Q_x, P_y + Q_y, offset * (P_y - Q_y)
         S_aa, S_ac, S_cc = S_xx + T_xx, S_xy + T_xy, S_yy + T_yy
         S_aw, S_cw = offset * (S_xy - T_xy), offset * (S_yy - T_yy)
         S_ww = offset * offset * S_cc
         # In axes of I, and about O.
         c, s = work.heading[i, 0], work.heading[i, 1]
-        x, y = work.center[i, 0], work.center[i, 1]
+        x, y = work.middle[i, 0], work.middle[i, 1]
         px, py = c * along - s * across, s * along + c * across
         xx, xy, yy, xw, yw = in_axes_of_I(c, s, (S_aa, S_ac, S_cc, S_aw, S_cw))
         A, bare = chain.inertia[i], work.bare[i]
@@ -251,7 +251,7 @@ def planar_linear_step(
     """
     contacts, chain, n = work.contacts, work.chain, len(work.heading)
     solution, newton = contacts.solution, contacts.newton
-    pegs = closed[2 * n :]
+    pegs = closed[model.floor :]
     add_sliding_laws(model, work, again)
     add_peg_laws(model, work, pegs, again)
     factor_hinges(chain)

@@ -14,6 +14,7 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.planar.model import (
+    flat_heights,
     forget,
     make_planar_memory,
     make_planar_model,
@@ -38,7 +39,7 @@ ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 @compiled
 def to_space(
-    half_length: Array,
+    joints: tuple[Array, Array],
     planar: tuple[Array, Array, Array],
     height: Array,
     links: Array,
@@ -49,8 +50,8 @@ def to_space(
 
     Parameters
     ----------
-    half_length : ndarray, shape (n,)
-        Half of the link lengths [m].
+    joints : tuple of ndarray, shape (n,)
+        front and rear, as in `model.PlanarModel`.
     planar : tuple of ndarray
         q, u and tilt, as in `model.PlanarMemory`.
     height : ndarray, shape (n,)
@@ -59,15 +60,16 @@ def to_space(
         They are filled with q and u of `state.State`.
 
     """
-    q, u, tilt = planar
+    (q, u, tilt), (front, rear) = planar, joints
     x, y, reach_x, reach_y = q[0], q[1], 0.0, 0.0
     for i in range(len(u)):
         e0, e1, e2, e3 = tilt[i, 0], tilt[i, 1], tilt[i, 2], tilt[i, 3]
-        reach = 2.0 * half_length[i] * (e1 * e3 + e0 * e2)
-        step_x, step_y = reach * math.cos(q[2 + i]), reach * math.sin(q[2 + i])
+        part, along_x, along_y = 2.0 * (e1 * e3 + e0 * e2), math.cos(q[2 + i]), math.sin(q[2 + i])
         if i > 0:
-            x, y = x + (reach_x + step_x), y + (reach_y + step_y)
-        reach_x, reach_y = step_x, step_y
+            reach = rear[i] * part
+            x, y = x + (reach_x + reach * along_x), y + (reach_y + reach * along_y)
+        reach = front[i] * part
+        reach_x, reach_y = reach * along_x, reach * along_y
         links[i, 0], links[i, 1], links[i, 2] = x, y, height[i]
         c, s = math.cos(q[2 + i] / 2), math.sin(q[2 + i] / 2)
         links[i, 3], links[i, 4] = c * e0 - s * e3, c * e1 - s * e2
@@ -109,7 +111,7 @@ def close_twist(before: Array, link: Array, velocity: Array) -> None:
 
 @compiled
 def samples_to_space(
-    half_length: Array,
+    joints: tuple[Array, Array],
     planar: tuple[Array, Array, Array],
     height: Array,
     count: int,
@@ -119,12 +121,12 @@ def samples_to_space(
     """Fill a number of samples in space from planar ones, with what `to_space` takes."""
     q, u, tilt = planar
     for m in range(count):
-        to_space(half_length, (q[m], u[m], tilt), height, links[m], velocities[m])
+        to_space(joints, (q[m], u[m], tilt), height, links[m], velocities[m])
 
 
 @compiled
 def is_recalled(
-    half_length: Array,
+    joints: tuple[Array, Array],
     memory: PlanarMemory,
     links: Array,
     velocities: Array,
@@ -133,7 +135,7 @@ def is_recalled(
 ) -> bool:
     """Return whether the planar coordinates of a memory give these links, to the bit."""
     q, u, tilt = memory.q, memory.u, memory.tilt
-    to_space(half_length, (q, u, tilt), links[:, 2], made_links, made_velocities)
+    to_space(joints, (q, u, tilt), links[:, 2], made_links, made_velocities)
     for i in range(len(u)):
         for k in range(7):
             if made_links[i, k] != links[i, k]:
@@ -149,7 +151,8 @@ class PlanarStepper:
     A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
 
     Links keep their heights and tilts, which are those of a robot that lies flat up to the
-    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. The
+    tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. Where
+    joints have one axis, no tilts keep them closed as they bend, and links lie flat at once. The
     contact impulses of the first step stop their velocities out of the plane, as in any inelastic
     impact.
 
@@ -169,6 +172,11 @@ class PlanarStepper:
     def __init__(self, scene: Scene, loop: Callable[..., None], scheme: Any = None) -> None:
         self.model = make_planar_model(scene)
         self.work = make_planar_workspace(scene)
+        self.joints, places = (self.model.front, self.model.rear), scene.robot.chain.places
+        self.keeps_tilts = places.complete and places.straight
+        self.flat_heights = flat_heights(scene.robot)
+        inertia = scene.robot.chain.inertia
+        self.uneven = inertia[:, 0, 0] - inertia[:, 1, 1]  # about the axes e_x and e_y of a link
         self.loop = loop
         n = scene.robot.link_count
         self.empty = empty_history(scene, make_planar_memory(n, scheme))
@@ -220,12 +228,12 @@ class PlanarStepper:
             history = self.empty_history()
         if report.steps == 0:
             return state, history, report
-        half, height = self.model.half_length, state.q[:, 2]
+        height = self.heights(state)
         end = self.in_space(q, u, tilt, height)
         if count:
             reached = kept.reached_by(report.steps)
             planar = record.q, record.u, tilt
-            samples_to_space(half, planar, height, reached, kept.q, kept.u)
+            samples_to_space(self.joints, planar, height, reached, kept.q, kept.u)
             kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
@@ -233,8 +241,12 @@ class PlanarStepper:
     def in_space(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
         """Return the state of the links, see `to_space`."""
         end = State(np.empty((len(u), 7)), np.empty((len(u), 6)))
-        to_space(self.model.half_length, (q, u, tilt), height, end.q, end.u)
+        to_space(self.joints, (q, u, tilt), height, end.q, end.u)
         return end
+
+    def heights(self, state: State) -> Array:
+        """Return the heights of the link centers while a robot moves in the plane, (n,) [m]."""
+        return state.q[:, 2].copy() if self.keeps_tilts else self.flat_heights
 
     def single_steps(
         self, state: State, history: History, pushes: PushTable
@@ -253,7 +265,7 @@ class PlanarStepper:
         self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
     ) -> SingleSteps:
         """Return single steps that continue from planar coordinates, at the heights of a state."""
-        height = state.q[:, 2].copy()
+        height = self.heights(state)
 
         def remembered(steps: Steps) -> History:
             history = copied(steps.history)
@@ -265,28 +277,31 @@ class PlanarStepper:
 
     def prepare(self, state: State, *, single: bool) -> None:
         """Compile what is around the loop, and single steps if requested."""
-        half, height = self.model.half_length, state.q[:, 2]
-        history = self.empty_history()
+        height, history = self.heights(state), self.empty_history()
         memory = history.memory
         q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
         if single:
             self.going_on(state, history, NO_PUSHES, q, u, tilt).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
-        to_space(half, (q, u, tilt), height, end.q[0], end.u[0])
-        samples_to_space(half, (q[None], u[None], tilt), height, 1, end.q, end.u)
+        to_space(self.joints, (q, u, tilt), height, end.q[0], end.u[0])
+        samples_to_space(self.joints, (q[None], u[None], tilt), height, 1, end.q, end.u)
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""
-        n = len(self.model.mass)
-        loads: Array = self.work.contacts['solution']['impulse'][: 2 * n, 0]
+        model = self.model
+        loads: Array = self.work.contacts['solution']['impulse'][: model.floor, 0]
         if (a := int(loads.argmin())) >= 0 and not loads[a] > 0.0:
-            end = 'front' if a < n else 'rear'
-            return f'the {end} sphere of link {a % n + 1} would lift off'
+            i = a if a < len(model.mass) else int(np.flatnonzero(model.second == a)[0])
+            in_front = (model.offset[i] >= 0.0) == (a == i)
+            end = ('front ' if in_front else 'rear ') if model.spheres_of_link[i] > 1.0 else ''
+            return f'the {end}sphere of link {i + 1} would lift off'
         if self.slips:
             return (
                 f'rolling would shift the robot by more than {100 * self.model.most_slip:g} % of '
                 'its way'
             )
+        if self.tires:
+            return 'loads and friction take more iterations together than a step in space'
         if self.is_overloaded:
             return 'a pitch joint would need more torque than its limit to hold the robot flat'
         if not self.rolls_or_lifts:
@@ -297,6 +312,11 @@ class PlanarStepper:
     def slips(self) -> bool:
         """Whether the last step was not planar because contacts slip too far by rolling."""
         return bool(self.work.standing['slips'][0])
+
+    @property
+    def tires(self) -> bool:
+        """Whether the last step was not planar because of the iterations of all last ones."""
+        return bool(self.work.standing['tires'][0])
 
     @property
     def is_overloaded(self) -> bool:
@@ -329,7 +349,8 @@ class PlanarStepper:
         zero = np.zeros(n)
         back = np.stack([np.cos(theta / 2), zero, zero, -np.sin(theta / 2)], axis=-1)
         tilt = product(back, state.q[:, 3:])
-        tilt[np.abs(tilt - FLAT).max(axis=1) < ROUNDING] = FLAT
+        least = ROUNDING if self.keeps_tilts else math.inf
+        tilt[np.abs(tilt - FLAT).max(axis=1) < least] = FLAT
         spin = np.einsum('ijk,ik->ij', R, state.u[:, 3:])
         u[:, :2], u[:, 2] = state.u[:, :2], spin[:, 2]
         q[:2], q[2:] = state.q[0, :2], theta
@@ -340,7 +361,7 @@ class PlanarStepper:
 
     def goes_on(self, state: State, memory: PlanarMemory) -> bool:
         """Return whether the last step was planar and led to this state, to the bit."""
-        same = is_recalled(self.model.half_length, memory, state.q, state.u, *self.made)
+        same = is_recalled(self.joints, memory, state.q, state.u, *self.made)
         return bool(same and memory.known[0])
 
     def take_up(self, state: State, R: Array, spin: Array) -> None:
@@ -350,6 +371,8 @@ class PlanarStepper:
         axial = np.einsum('ij,ij->i', R[:, :, 2], spin)[:, None] * R[:, :, 2]
         across, along = self.model.inertia, self.model.inertia_axial
         turning = across[:, None] * spin + (along - across)[:, None] * axial
+        pitching = np.einsum('ij,ij->i', R[:, :, 0], spin)[:, None] * R[:, :, 0]
+        turning += self.uneven[:, None] * pitching
         self.work.impact[:, 0] = center[:, 1] * lift + turning[:, 0]
         self.work.impact[:, 1] = -center[:, 0] * lift + turning[:, 1]
         self.work.impact[:, 2] = lift

@@ -28,7 +28,7 @@ STANDING = np.dtype(
         ('part', float),  # share of a step for which the loads act
         ('overloaded', np.int64),  # whether a pitch joint cannot hold the robot flat
         ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
-        ('tires', np.int64),  # whether it is not only because of its iterations
+        ('tires', np.int64),  # whether its iterations cost more than a step in space
     ]
 )
 ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is neglected [rad]

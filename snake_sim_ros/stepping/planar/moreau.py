@@ -246,19 +246,19 @@ def is_planar(model: PlanarModel, work: PlanarWorkspace, steps: Steps, outcome: 
     iterations than they save.
     """
     report, memory = steps.report[0], steps.history.memory
-    work.standing.slips[0] = work.standing.tires[0] = 0
+    memory.effort[0] += EFFORT_SHARE * (outcome.iterations - memory.effort[0])
+    tires = memory.effort[0] > model.most_effort
+    tires |= not outcome.converged and outcome.iterations > model.most_effort
+    work.standing.slips[0], work.standing.tires[0] = 0, tires
     work.standing.overloaded[0] = is_overloaded(model, work)
     if not (
         (outcome.converged or model.patient)
         and work.standing.least_load[0] > 0.0
         and work.standing.overloaded[0] == 0
         and abs(work.standing.roll[0]) <= model.most_roll
+        and not tires
     ):
         report.not_planar = 1
-        return False
-    memory.effort[0] += EFFORT_SHARE * (outcome.iterations - memory.effort[0])
-    if memory.effort[0] > model.most_effort:
-        work.standing.tires[0] = report.not_planar = 1
         return False
     if model.held and slips_too_far(model, work, memory):
         work.standing.slips[0] = report.not_planar = 1

@@ -315,7 +315,7 @@ class PlanarStepper:
 
     @property
     def tires(self) -> bool:
-        """Whether the last step was not planar because of the iterations of all last ones."""
+        """Whether the last steps took more iterations than the plane is worth."""
         return bool(self.work.standing['tires'][0])
 
     @property

@@ -52,6 +52,11 @@ class Metric:
     contacts: bool = True
     digest: str = ''
 
+    @property
+    def identity(self) -> str:
+        """The name, for a function of the user with its digest: what names a number for good."""
+        return f'{self.name} {self.digest}'.strip()
+
     def __call__(self, trajectory: Trajectory) -> float:
         """
         Return the number.
@@ -298,4 +303,4 @@ def _digest(function: Any) -> str:
             (code.co_code, code.co_consts, code.co_names) if code else function
         ).encode()
     name = getattr(function, '__qualname__', '')
-    return hashlib.sha256(name.encode() + content).hexdigest()
+    return hashlib.sha256(name.encode() + content).hexdigest()[:32]

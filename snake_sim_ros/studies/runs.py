@@ -3,8 +3,9 @@
 """
 Runs of a study: the scene of a row, the key of its run, and what the run gives for the table.
 
-The key is a digest of all that a result depends on: the scene with its steps, the rate of samples,
-the metrics, and the sources and the compiler of the physics.
+The key is a digest of all that a trajectory depends on: the scene with its steps, the rate of
+samples, and the sources and the compiler of the physics. A run has a number for each metric that
+any study has asked for.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,13 +27,11 @@ from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import Metric, MetricError
-from snake_sim_ros.studies.table import Result
+from snake_sim_ros.studies.table import KEPT, Result, Run
 
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
 # How a run may have ended that is never run again; others may go better another time.
 FINAL = tuple(status.value for status in Status)
-# Columns of a row that is not run again, besides its metrics.
-KEPT = ('status', 'failure', 'unconverged', 'seconds', 'key')
 # What computes the results of a run, besides the compiler and NumPy.
 SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
 KEY_LENGTH = 32  # hexadecimal digits
@@ -111,8 +110,7 @@ def scene_of(plan: Plan, values: Mapping[str, Any]) -> Scene:
 
 def key_of_run(plan: Plan, scene: Scene) -> str:
     """Return the key of the run of a scene, whose values are exact in its `repr`."""
-    own = [item.digest for item in plan.metrics if item.digest]
-    text = '\n'.join([physics_version(), repr(plan.rate), repr(scene), *own])
+    text = '\n'.join([physics_version(), repr(plan.rate), repr(scene)])
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
@@ -131,21 +129,31 @@ def empty_result(plan: Plan, row: Row) -> Result:
     return result
 
 
-def known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
-    """Return the result of a row, from known ones by their keys; None if it is to be run."""
+def run_of(plan: Plan, result: Result) -> Run:
+    """Return the run of a result for the journal, with the numbers by the metrics' identities."""
+    numbers = {item.identity: result[item.name] for item in plan.metrics}
+    kept = {name: number for name, number in numbers.items() if number is not None}
+    return {name: result[name] for name in KEPT} | {'metrics': kept}
+
+
+def known_result(plan: Plan, row: Row, known: Mapping[str, Run]) -> Result | None:
+    """Return the result of a row, from known runs by their keys; None if it is to be run."""
     try:
         key = key_of_run(plan, scene_of(plan, row.values))
     except ParameterError:
         return None
-    old, names = known.get(key), [metric.name for metric in plan.metrics]
-    if old is None or old['status'] not in FINAL or not set(names) <= old.keys():
+    run = known.get(key)
+    if run is None or run['status'] not in FINAL:
         return None
-    result = empty_result(plan, row)
+    numbers = {item.name: run['metrics'].get(item.identity) for item in plan.metrics}
+    if None in numbers.values() and run['status'] != Status.DIVERGED.value:
+        return None
+    result = empty_result(plan, row) | numbers | {name: run[name] for name in KEPT}
     if path := trajectory_file(plan, key):
         if not path.is_file():
             return None
         result['trajectory'] = path.name
-    return result | {name: old[name] for name in (*names, *KEPT)}
+    return result
 
 
 def run_chunk(

@@ -356,7 +356,11 @@ def test_rows_that_are_done_are_not_run_again(tmp_path, name):
     _, ran = again([0.4], [own_metric])
     assert ran == {0}
     assert not again([0.4], [own_metric])[1]
-    assert not journal_of(out).exists()
+    # What was not asked for has stayed: rows and metrics of all the tables before.
+    last, ran = again([0.3, 0.4, 0.35], ['slip', own_metric, 'speed'])
+    assert ran == {0, 2}  # of which the own metric is not known
+    assert last['slip'][1] == first['slip'][1]
+    assert not again([0.3, 0.4, 0.35], ['slip', 'speed'])[1]
 
 
 def own_metric(trajectory):
@@ -368,20 +372,33 @@ def test_a_journal_is_whole_whatever_was_cut_off(tmp_path):
     journal = Journal(path)
     with pytest.raises(ParameterError, match='is being written by another study'):
         Journal(path)
-    journal.add([{'key': 'a', 'x': math.inf}, {'key': 'b', 'x': 0.1 + 0.2}])
-    journal.close(remove=False)
+    a, b, d = (
+        {'key': key, 'status': 'converged', 'failure': '', 'unconverged': 0, 'seconds': 1.0,
+         'metrics': {'x': x}} for key, x in (('a', math.inf), ('b', 0.1 + 0.2), ('d', 0.5))
+    )  # fmt: skip
+    journal.add([a, b])
+    journal.close()
     path.write_bytes(path.read_bytes() + b'{"key": "c", "x"')
     journal = Journal(path)
-    assert journal.rows() == [{'key': 'a', 'x': math.inf}, {'key': 'b', 'x': 0.1 + 0.2}]
-    journal.add([{'key': 'd'}])
-    assert [row['key'] for row in journal.rows()] == ['a', 'b', 'd']
-    journal.close(remove=True)
-    assert not path.exists()
+    assert journal.runs() == [a, b]
+    journal.add([d])
+    assert journal.runs() == [a, b, d]
+    journal.close()
+
+
+def test_a_table_whose_runs_are_lost_is_not_written_over(tmp_path):
+    out = tmp_path / 'table.parquet'
+    study('lateral_undulation', FRICTION, ['speed'], set=SHORT, out=out)
+    content = out.read_bytes()
+    journal_of(out).unlink()
+    with pytest.raises(ParameterError, match=r'there is no table\.parquet\.journal beside it'):
+        study('lateral_undulation', FRICTION, ['speed'], set=SHORT, out=out)
+    assert out.read_bytes() == content and not journal_of(out).exists()
 
 
 def test_files_that_are_no_tables_are_left_alone(tmp_path):
     for name, content, sentence in (
-        ('a.parquet', b'broken', 'is not a whole table'),
+        ('a.parquet', b'broken', 'is not the table of a study'),
         ('a.csv', b'x,y\n1,2\n', 'is not the table of a study'),
         ('a.txt', b'', '--out must end in .parquet or .csv'),
     ):

@@ -154,11 +154,11 @@ def slip(trajectory: Trajectory) -> float:
     Raises
     ------
     MetricError
-        If the trajectory is from a file, where velocities are not kept.
+        If the trajectory has no velocities; files of single runs and bags keep none.
 
     """
     if not trajectory.velocity.size:
-        raise MetricError('slip needs velocities of the links, which files of runs do not keep')
+        raise MetricError('slip needs velocities of the links, which this file does not keep')
     robot = trajectory.scene.robot
     floor = trajectory.contact_number < len(robot.chain.spheres.link)
     sample, number = trajectory.contact_sample[floor], trajectory.contact_number[floor]

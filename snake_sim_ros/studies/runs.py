@@ -18,7 +18,7 @@ from typing import Any
 
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.recording.recorded_runs import write_npz
+from snake_sim_ros.recording.recorded_runs import read_npz, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
@@ -29,9 +29,8 @@ from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import Metric, MetricError
 from snake_sim_ros.studies.table import KEPT, Result, Run
 
+CONVERGED, _, DIVERGED = (status.value for status in Status)
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
-# How a run may have ended that is never run again; others may go better another time.
-FINAL = tuple(status.value for status in Status)
 # What computes the results of a run, besides the compiler and NumPy.
 SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
 KEY_LENGTH = 32  # hexadecimal digits
@@ -143,10 +142,13 @@ def known_result(plan: Plan, row: Row, known: Mapping[str, Run]) -> Result | Non
     except ParameterError:
         return None
     run = known.get(key)
-    if run is None or run['status'] not in FINAL:
+    if run is None:
         return None
     numbers = {item.name: run['metrics'].get(item.identity) for item in plan.metrics}
-    if None in numbers.values() and run['status'] != Status.DIVERGED.value:
+    if None not in numbers.values():  # a metric that failed is not asked for
+        status = CONVERGED if run['status'] == FAILED else run['status']
+        run = run | {'status': status, 'failure': ''}
+    elif run['status'] != DIVERGED:
         return None
     result = empty_result(plan, row) | numbers | {name: run[name] for name in KEPT}
     if path := trajectory_file(plan, key):
@@ -201,13 +203,16 @@ class _Runner:
         """Return the result of a row: its number, values, metrics, and how its run went."""
         result, begin, compiled = empty_result(self.plan, row), time.perf_counter(), 0.0
         try:
-            trajectory = self._trajectory(row, result)
-            compiled = self.simulation.compile_seconds if self.simulation else 0.0
+            scene = scene_of(self.plan, row.values)
+            result['key'] = key_of_run(self.plan, scene)
+            trajectory = self._kept(result)
+            if trajectory is None:
+                trajectory = self._run(scene)
+                compiled = self.simulation.compile_seconds if self.simulation else 0.0
+                self._keep(trajectory, result)
             self._measure(trajectory, result)
         except (Stopped, OSError):
             raise
-        except MetricError as error:
-            result |= {'status': FAILED, 'failure': str(error)}
         except ParameterError as error:
             result |= {'status': REFUSED, 'failure': str(error)}
         except Exception as error:  # whatever a strange scene does, the other rows go on
@@ -215,10 +220,20 @@ class _Runner:
         result['seconds'] = time.perf_counter() - begin - compiled
         return result
 
-    def _trajectory(self, row: Row, result: Result) -> Trajectory:
-        """Run a row, and note its key."""
-        scene = scene_of(self.plan, row.values)
-        result['key'] = key_of_run(self.plan, scene)
+    def _kept(self, result: Result) -> Trajectory | None:
+        """Return the trajectory of a run that was done for other metrics, if it was kept."""
+        path = trajectory_file(self.plan, result['key'])
+        if not path or not path.is_file():
+            return None
+        try:
+            trajectory = read_npz(path)
+        except ParameterError:  # it is run again
+            return None
+        result['trajectory'] = path.name
+        return trajectory
+
+    def _run(self, scene: Scene) -> Trajectory:
+        """Return the trajectory of a scene; Stopped if the study ends meanwhile."""
         steps, samples = samples_of(scene, self.plan.rate)
         simulation, before = Simulation(scene), self.simulation
         if before:
@@ -235,14 +250,22 @@ class _Runner:
         if self.stopped():
             raise Stopped
 
+    def _keep(self, trajectory: Trajectory, result: Result) -> None:
+        """Write a trajectory if they are kept, with the velocities that other metrics need."""
+        if path := trajectory_file(self.plan, result['key']):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_npz(trajectory, path, {'velocity': trajectory.velocity})
+            result['trajectory'] = path.name
+
     def _measure(self, trajectory: Trajectory, result: Result) -> None:
-        """Note how a run went, and its metrics unless it diverged; keep its trajectory."""
+        """Note how a run went, and its metrics unless it diverged; one may fail by itself."""
         report = trajectory.report
         result |= {'status': report.status.value, 'unconverged': report.unconverged}
         result['failure'] = report.failure
-        if path := trajectory_file(self.plan, result['key']):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_npz(trajectory, path)
-            result['trajectory'] = path.name
-        if not report.failure:
-            result |= {metric.name: metric(trajectory) for metric in self.plan.metrics}
+        for metric in () if report.failure else self.plan.metrics:
+            try:
+                result[metric.name] = metric(trajectory)
+            except MetricError as error:
+                result['failure'] = result['failure'] or str(error)
+                if result['status'] == CONVERGED:
+                    result['status'] = FAILED

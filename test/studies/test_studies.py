@@ -19,7 +19,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.studies import workers
+from snake_sim_ros.studies import runs, workers
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
 from snake_sim_ros.studies.study import load_study, study_from, STUDY_KEYS, StudySettings
 from snake_sim_ros.studies.table import Journal, journal_of
@@ -303,6 +303,7 @@ def test_failed_runs_are_rows():
     beyond = 'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, got '
     assert frame['status'].to_list() == ['converged', 'refused', 'failed', *['refused'] * 3]
     assert frame['picky'].to_list() == [0.5, *[None] * 5]
+    assert frame['speed'][2] > 0.0  # it has its number, whatever another metric does
     assert frame['failure'][1].startswith(beyond)
     assert frame['failure'][2] == 'metric picky raised ZeroDivisionError: too slippery to say'
     assert frame['failure'][4] == 'friction.transversal must be at least 0, got -1'
@@ -421,6 +422,39 @@ def test_trajectories_are_kept(tmp_path):
     again = study('lateral_undulation', FRICTION, ['distance'], **keep)
     assert values(again).equals(values(frame))
     assert len(list(folder.iterdir())) == 3
+
+
+def test_other_metrics_take_kept_trajectories(tmp_path, monkeypatch):
+    def broken(trajectory):
+        raise ValueError('no')
+
+    keep = {'set': SHORT, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
+    first = study('lateral_undulation', FRICTION, ['slip', broken], **keep)
+    assert set(first['status']) == {'failed'}
+    full = [name for name in METRICS if name != 'slip']
+    expected = study('lateral_undulation', FRICTION, full, set=SHORT)
+    monkeypatch.setattr(runs, 'Simulation', None)  # no run is done again
+    # Where only what failed is missing, it is tried with the trajectory.
+    again = study('lateral_undulation', FRICTION, ['slip', broken], **keep)
+    assert values(again).equals(values(first))
+    frame = study('lateral_undulation', FRICTION, [*METRICS, own_metric], **keep)
+    assert frame['slip'].equals(first['slip'])
+    assert set(frame['status']) == {'converged'} and set(frame['own_metric']) == {0.5}
+    assert frame.select(full).equals(expected.select(full))
+    # Without what has failed the others are known.
+    frame = study('lateral_undulation', FRICTION, ['slip'], **keep)
+    assert set(frame['status']) == {'converged'} and set(frame['failure']) == {''}
+
+
+def test_a_metric_that_fails_does_not_hide_steps_that_did_not_converge():
+    def broken(trajectory):
+        raise ValueError('no')
+
+    # An iteration a step is not enough for any contact.
+    given = {**SHORT, 'method': 'newton', 'dt': 0.01, 'solver.iteration_limit': 1}
+    frame = study('lateral_undulation', FRICTION, ['speed', broken], set=given)
+    assert set(frame['status']) == {'max_iterations'} and frame['unconverged'].min() > 0
+    assert set(frame['failure']) == {'metric broken raised ValueError: no'}
 
 
 # ---- workers ------------------------------------------------------------------------------------

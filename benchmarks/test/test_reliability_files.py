@@ -120,7 +120,13 @@ def test_a_command_writes_its_outputs_and_the_cache_only(tmp_path, monkeypatch):
 
 def test_a_journal_of_hostile_lines_is_read(tmp_path):
     path = tmp_path / 'study.journal'
-    path.write_text(f'{"[" * 100_000}\n{{"row": 1}}\n[1]\n{"9" * 5000}\n{{"row": 2')
+    run = {
+        'key': 'a', 'status': 'diverged', 'failure': '', 'unconverged': 0, 'seconds': 1.0,
+        'metrics': {},
+    }  # fmt: skip
+    broken = [run | {'key': 1}, run | {'metrics': {'speed': [1]}}, {'key': 'a'}]
+    lines = '\n'.join(map(json.dumps, [*broken, run]))
+    path.write_text(f'{"[" * 100_000}\n{lines}\n[1]\n{"9" * 5000}\n{{"row": 2')
     journal = Journal(path)
-    assert journal.rows() == [{'row': 1}]
-    journal.close(remove=True)
+    assert journal.runs() == [run]
+    journal.close()

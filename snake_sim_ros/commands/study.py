@@ -29,7 +29,7 @@ def add_study(subparsers: Any) -> None:
     command.add_argument(
         '--out', type=Path, metavar='FILE',
         help='the table, Parquet or CSV by its suffix, default: the name of the study with '
-        '.parquet; rows that are in it are not run again',
+        '.parquet; the journal beside it has all runs, which are not done again',
     )  # fmt: skip
     command.add_argument(
         '--plot', type=Path, metavar='FILE.png', help='draw the metrics over one or two values'

@@ -36,14 +36,14 @@ def write_npz(
     trajectory: Trajectory, path: Path, sensors: Mapping[str, Array] | None = None
 ) -> None:
     """
-    Write a trajectory, without the velocities and impulses that other programs do not need.
+    Write a trajectory, without the velocities and impulses that most programs do not need.
 
     Parameters
     ----------
     trajectory : Trajectory
     path : Path
     sensors : mapping, optional
-        More arrays by their names, as `recorded_sensors` returns them.
+        More arrays by their names, as `recorded_sensors` returns them, or `velocity`.
 
     """
     arrays: dict[str, Any] = {name: getattr(trajectory, name) for name in ARRAYS}
@@ -85,6 +85,7 @@ def read_npz(path: Path) -> Trajectory:
         trajectory = Trajectory(
             scene=scene_from_text(texts['scene']),
             **{name: data[name] for name in ARRAYS},
+            velocity=data.get('velocity', np.zeros(0)),
             report=report_from_text(texts['report']),
             seconds=float(data['seconds']),
             interrupted=bool(data['interrupted']),

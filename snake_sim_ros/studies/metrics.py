@@ -52,6 +52,11 @@ class Metric:
     contacts: bool = True
     digest: str = ''
 
+    @property
+    def identity(self) -> str:
+        """The name, for a function of the user with its digest: what names a number for good."""
+        return f'{self.name} {self.digest}'.strip()
+
     def __call__(self, trajectory: Trajectory) -> float:
         """
         Return the number.
@@ -149,11 +154,11 @@ def slip(trajectory: Trajectory) -> float:
     Raises
     ------
     MetricError
-        If the trajectory is from a file, where velocities are not kept.
+        If the trajectory has no velocities; files of single runs and bags keep none.
 
     """
     if not trajectory.velocity.size:
-        raise MetricError('slip needs velocities of the links, which files of runs do not keep')
+        raise MetricError('slip needs velocities of the links, which this file does not keep')
     robot = trajectory.scene.robot
     floor = trajectory.contact_number < len(robot.chain.spheres.link)
     sample, number = trajectory.contact_sample[floor], trajectory.contact_number[floor]
@@ -298,4 +303,4 @@ def _digest(function: Any) -> str:
             (code.co_code, code.co_consts, code.co_names) if code else function
         ).encode()
     name = getattr(function, '__qualname__', '')
-    return hashlib.sha256(name.encode() + content).hexdigest()
+    return hashlib.sha256(name.encode() + content).hexdigest()[:32]

@@ -33,6 +33,8 @@ from snake_sim_ros.studies.workers import results_of, threads, Workers
 if TYPE_CHECKING:
     import polars
 
+HISTORY = 'the history of an optimization'
+HISTORY_COLUMNS = {'row', 'generation', 'excess'}  # which no other table has
 NO_VALUE = 'an objective or a constraint has no value'
 Run = Callable[[Plan, Iterable[Row]], Iterator[tuple[list[Result], bool]]]  # see `results_of`
 
@@ -310,7 +312,7 @@ def run_optimization(
         return outcome.history() if evaluations else None
 
     with (
-        table.stored(out, _no_runs, history, keep_journal=True) as (known, keep),
+        table.stored(out, HISTORY, HISTORY_COLUMNS, history) as (known, keep),
         workers or threads() as pool,
     ):
         run = partial(results_of, workers=pool, known=known, keep=keep)
@@ -324,19 +326,6 @@ def run_optimization(
             )
             outcome.checks |= {item.point.number: item for item in checks}
         outcome.stopped = stopped
-
-
-def _no_runs(path: Path) -> list[Result]:
-    """Return the runs in a history, none; raise an error if the file is something else."""
-    pl = table.library()
-    scan = pl.scan_csv if path.suffix == '.csv' else pl.scan_parquet
-    try:
-        columns = scan(path).collect_schema().names()
-    except Exception:  # polars raises errors of its own and of the system
-        columns = []
-    if not {'row', 'generation', 'excess'} <= set(columns):
-        raise ParameterError(f'{path} is not the history of an optimization; name another file')
-    return []
 
 
 class _Loop:

@@ -3,8 +3,9 @@
 """
 Runs of a study: the scene of a row, the key of its run, and what the run gives for the table.
 
-The key is a digest of all that a result depends on: the scene with its steps, the rate of samples,
-the metrics, and the sources and the compiler of the physics.
+The key is a digest of all that a trajectory depends on: the scene with its steps, the rate of
+samples, and the sources and the compiler of the physics. A run has a number for each metric that
+any study has asked for.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +18,7 @@ from typing import Any
 
 from snake_sim_ros.dynamics import code_cache
 from snake_sim_ros.gaits.blending import check_reach
-from snake_sim_ros.recording.recorded_runs import write_npz
+from snake_sim_ros.recording.recorded_runs import read_npz, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
@@ -26,13 +27,10 @@ from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import Metric, MetricError
-from snake_sim_ros.studies.table import Result
+from snake_sim_ros.studies.table import KEPT, Result, Run
 
+CONVERGED, _, DIVERGED = (status.value for status in Status)
 REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
-# How a run may have ended that is never run again; others may go better another time.
-FINAL = tuple(status.value for status in Status)
-# Columns of a row that is not run again, besides its metrics.
-KEPT = ('status', 'failure', 'unconverged', 'seconds', 'key')
 # What computes the results of a run, besides the compiler and NumPy.
 SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
 KEY_LENGTH = 32  # hexadecimal digits
@@ -111,8 +109,7 @@ def scene_of(plan: Plan, values: Mapping[str, Any]) -> Scene:
 
 def key_of_run(plan: Plan, scene: Scene) -> str:
     """Return the key of the run of a scene, whose values are exact in its `repr`."""
-    own = [item.digest for item in plan.metrics if item.digest]
-    text = '\n'.join([physics_version(), repr(plan.rate), repr(scene), *own])
+    text = '\n'.join([physics_version(), repr(plan.rate), repr(scene)])
     return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
 
 
@@ -131,21 +128,34 @@ def empty_result(plan: Plan, row: Row) -> Result:
     return result
 
 
-def known_result(plan: Plan, row: Row, known: Mapping[str, Result]) -> Result | None:
-    """Return the result of a row, from known ones by their keys; None if it is to be run."""
+def run_of(plan: Plan, result: Result) -> Run:
+    """Return the run of a result for the journal, with the numbers by the metrics' identities."""
+    numbers = {item.identity: result[item.name] for item in plan.metrics}
+    kept = {name: number for name, number in numbers.items() if number is not None}
+    return {name: result[name] for name in KEPT} | {'metrics': kept}
+
+
+def known_result(plan: Plan, row: Row, known: Mapping[str, Run]) -> Result | None:
+    """Return the result of a row, from known runs by their keys; None if it is to be run."""
     try:
         key = key_of_run(plan, scene_of(plan, row.values))
     except ParameterError:
         return None
-    old, names = known.get(key), [metric.name for metric in plan.metrics]
-    if old is None or old['status'] not in FINAL or not set(names) <= old.keys():
+    run = known.get(key)
+    if run is None:
         return None
-    result = empty_result(plan, row)
+    numbers = {item.name: run['metrics'].get(item.identity) for item in plan.metrics}
+    if None not in numbers.values():  # a metric that failed is not asked for
+        status = CONVERGED if run['status'] == FAILED else run['status']
+        run = run | {'status': status, 'failure': ''}
+    elif run['status'] != DIVERGED:
+        return None
+    result = empty_result(plan, row) | numbers | {name: run[name] for name in KEPT}
     if path := trajectory_file(plan, key):
         if not path.is_file():
             return None
         result['trajectory'] = path.name
-    return result | {name: old[name] for name in (*names, *KEPT)}
+    return result
 
 
 def run_chunk(
@@ -193,13 +203,16 @@ class _Runner:
         """Return the result of a row: its number, values, metrics, and how its run went."""
         result, begin, compiled = empty_result(self.plan, row), time.perf_counter(), 0.0
         try:
-            trajectory = self._trajectory(row, result)
-            compiled = self.simulation.compile_seconds if self.simulation else 0.0
+            scene = scene_of(self.plan, row.values)
+            result['key'] = key_of_run(self.plan, scene)
+            trajectory = self._kept(result)
+            if trajectory is None:
+                trajectory = self._run(scene)
+                compiled = self.simulation.compile_seconds if self.simulation else 0.0
+                self._keep(trajectory, result)
             self._measure(trajectory, result)
         except (Stopped, OSError):
             raise
-        except MetricError as error:
-            result |= {'status': FAILED, 'failure': str(error)}
         except ParameterError as error:
             result |= {'status': REFUSED, 'failure': str(error)}
         except Exception as error:  # whatever a strange scene does, the other rows go on
@@ -207,10 +220,20 @@ class _Runner:
         result['seconds'] = time.perf_counter() - begin - compiled
         return result
 
-    def _trajectory(self, row: Row, result: Result) -> Trajectory:
-        """Run a row, and note its key."""
-        scene = scene_of(self.plan, row.values)
-        result['key'] = key_of_run(self.plan, scene)
+    def _kept(self, result: Result) -> Trajectory | None:
+        """Return the trajectory of a run that was done for other metrics, if it was kept."""
+        path = trajectory_file(self.plan, result['key'])
+        if not path or not path.is_file():
+            return None
+        try:
+            trajectory = read_npz(path)
+        except ParameterError:  # it is run again
+            return None
+        result['trajectory'] = path.name
+        return trajectory
+
+    def _run(self, scene: Scene) -> Trajectory:
+        """Return the trajectory of a scene; Stopped if the study ends meanwhile."""
         steps, samples = samples_of(scene, self.plan.rate)
         simulation, before = Simulation(scene), self.simulation
         if before:
@@ -227,14 +250,22 @@ class _Runner:
         if self.stopped():
             raise Stopped
 
+    def _keep(self, trajectory: Trajectory, result: Result) -> None:
+        """Write a trajectory if they are kept, with the velocities that other metrics need."""
+        if path := trajectory_file(self.plan, result['key']):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_npz(trajectory, path, {'velocity': trajectory.velocity})
+            result['trajectory'] = path.name
+
     def _measure(self, trajectory: Trajectory, result: Result) -> None:
-        """Note how a run went, and its metrics unless it diverged; keep its trajectory."""
+        """Note how a run went, and its metrics unless it diverged; one may fail by itself."""
         report = trajectory.report
         result |= {'status': report.status.value, 'unconverged': report.unconverged}
         result['failure'] = report.failure
-        if path := trajectory_file(self.plan, result['key']):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_npz(trajectory, path)
-            result['trajectory'] = path.name
-        if not report.failure:
-            result |= {metric.name: metric(trajectory) for metric in self.plan.metrics}
+        for metric in () if report.failure else self.plan.metrics:
+            try:
+                result[metric.name] = metric(trajectory)
+            except MetricError as error:
+                result['failure'] = result['failure'] or str(error)
+                if result['status'] == CONVERGED:
+                    result['status'] = FAILED

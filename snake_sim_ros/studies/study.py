@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 KEEP = ('metrics', 'trajectories')
 STUDY_KEYS = ('scene', 'set', 'vary', 'metrics')  # of a study, besides its settings
+TABLE_COLUMNS = {'row', 'status', 'key'}  # besides values and metrics
 Observe = Callable[[Sequence[Result], bool], object]
 T = TypeVar('T')
 
@@ -258,7 +259,8 @@ def study(
     metrics : sequence, optional
         Names of `metrics.METRICS`, and functions of a `Trajectory`.
     out : str or Path, optional
-        Parquet or CSV file of the table. Rows that it has already are not run again.
+        Parquet or CSV file of the table. The journal beside it has the runs that are done, which
+        are not run again.
     trajectories : str or Path, optional
         Folder for an npz file of every run.
     workers : context manager of Workers, optional
@@ -298,18 +300,16 @@ def run_study(
     """
     Do the runs of a study that are not done, and return its table; see `study`.
 
-    After an interruption or an error the rows that are done are in the file.
+    After an interruption or an error the rows that are done are in the file. The journal beside
+    it has all runs for it, also those of other rows.
     """
     names, results = [item.name for item in given.metrics], list[Result]()
 
     def frame() -> 'polars.DataFrame | None':
         return table.frame_of(results, names) if results else None
 
-    def found(path: Path) -> list[Result]:
-        return table.read(path, names)
-
     with (
-        table.stored(out, found, frame, keep_journal=False) as (known, keep),
+        table.stored(out, 'the table of a study', TABLE_COLUMNS, frame) as (known, keep),
         workers or threads() as pool,
     ):
         for chunk, is_new in results_of(given.plan(folder), given.rows(), pool, known, keep):

@@ -1,14 +1,15 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The table of a study or an optimization as a file, and its journal while runs are under way.
+The table of a study or an optimization as a file, and the journal of all runs for it.
 
-A table is a polars data frame, written as Parquet, or as CSV for other programs. The journal has
-rows as they are done, a line of JSON each. A chunk of rows is one write to its end: whatever kills
-the process, the rows before are whole, and a line that is not is left out.
+A table is a polars data frame, written as Parquet, or as CSV for other programs, and never read
+again. The journal beside it has runs as they are done, a line of JSON each, whatever table asked
+for them. A chunk of runs is one write to its end: whatever kills the process, the runs before are
+whole, and a line that is not is left out.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 import fcntl
 from importlib import import_module
@@ -23,7 +24,10 @@ from snake_sim_ros.scene.files import write_whole
 if TYPE_CHECKING:
     import polars
 
-Result = dict[str, Any]  # of a run, by the names of its columns
+Result = dict[str, Any]  # of a row, by the names of its columns
+Run = dict[str, Any]  # a line of the journal: KEPT, and its metrics by their identities
+# Columns of a row that are those of its run, besides its metrics, and their types.
+KEPT = {'status': str, 'failure': str, 'unconverged': int, 'seconds': float, 'key': str}
 SUFFIXES = ('.parquet', '.csv')
 PICTURES = ('.png', '.svg', '.pdf')
 # Files and folders that are named after a table, with these suffixes in place of its own.
@@ -106,44 +110,58 @@ class Journal:
                 f'{path} is being written by another study; name another file with --out'
             ) from None
 
-    def rows(self) -> list[Result]:
-        """Return all whole rows; a line that a killed process left unfinished is ended."""
+    def runs(self) -> list[Run]:
+        """Return all whole runs; a line that a killed process left unfinished is ended."""
         self.file.seek(0)
-        content, rows = self.file.read(), []
+        content, runs = self.file.read(), []
         for line in content.splitlines():
             try:
-                row = json.loads(line)
+                run = json.loads(line)
             except (ValueError, RecursionError):
                 continue
-            if isinstance(row, dict):
-                rows.append(row)
+            if _is_run(run):
+                runs.append(run)
         if content and not content.endswith(b'\n'):
             self._append(b'\n')
-        return rows
+        return runs
 
-    def add(self, rows: Sequence[Result]) -> None:
-        """Add rows, all by one write."""
-        self._append(''.join(f'{json.dumps(row)}\n' for row in rows).encode())
+    def add(self, runs: Sequence[Run]) -> None:
+        """Add runs, all by one write."""
+        self._append(''.join(f'{json.dumps(run)}\n' for run in runs).encode())
 
     def _append(self, content: bytes) -> None:
         self.file.write(content)
         self.file.flush()
 
-    def close(self, *, remove: bool) -> None:
-        """Release the journal, and remove it if its rows are in the table."""
-        if remove:
-            self.path.unlink(missing_ok=True)
+    def close(self) -> None:
+        """Release the journal."""
         self.file.close()
+
+
+def _is_run(run: Any) -> bool:
+    """Return whether a line of a journal, which may be any JSON, is a run."""
+    types = {**KEPT, 'metrics': dict}
+    return (
+        isinstance(run, dict)
+        and all(type(run.get(name)) is kind for name, kind in types.items())
+        and all(type(number) is float for number in run['metrics'].values())
+    )
+
+
+def note(known: dict[str, Run], runs: Sequence[Run]) -> None:
+    """Add runs to those that are known by their keys; metrics that are known stay."""
+    for run in runs:
+        old = known[run['key']]['metrics'] if run['key'] in known else {}
+        known[run['key']] = run | {'metrics': old | run['metrics']}
 
 
 @contextmanager
 def stored(
     out: Path | None,
-    found: Callable[[Path], Sequence[Result]],
+    what: str,
+    columns: Set[str],
     table: Callable[[], 'polars.DataFrame | None'],
-    *,
-    keep_journal: bool,
-) -> Iterator[tuple[dict[str, Result], Callable[[Sequence[Result]], object]]]:
+) -> Iterator[tuple[dict[str, Run], Callable[[Sequence[Run]], object]]]:
     """
     Give the runs that are done by their keys, and what keeps more; write the table at the end.
 
@@ -151,32 +169,47 @@ def stored(
     ----------
     out : Path or None
         The file of the table, if any.
-    found : callable
-        ``found(out)`` returns runs in a table that is there, or raises `ParameterError`.
+    what, columns : str, container of str
+        What the table is, and columns that tell it from others, whose files are not written over.
     table : callable
         Returns the table as the context ends, in whatever way; None if there is nothing to write.
-    keep_journal : bool
-        Whether the journal stays after the table is written.
 
     """
     library()
     if not out:
-        yield {}, lambda chunk: None
+        yield {}, lambda runs: None
         return
     check_file(out, '--out')
-    rows = found(out) if out.exists() else []
-    journal, is_written = Journal(journal_of(out)), False
+    if out.exists():
+        _check_table(out, what, columns)
+    journal, known = Journal(journal_of(out)), dict[str, Run]()
     try:
-        known = {row['key']: row for row in [*rows, *journal.rows()] if row.get('key')}
+        note(known, journal.runs())
         try:
             yield known, journal.add
         finally:
             frame = table()
             if frame is not None:
                 write(frame, out)
-                is_written = True
     finally:
-        journal.close(remove=is_written and not keep_journal)
+        journal.close()
+
+
+def _check_table(path: Path, what: str, columns: Set[str]) -> None:
+    """Raise an error if a file is no such table, or has no journal from which it is made anew."""
+    pl = library()
+    scan = pl.scan_csv if path.suffix == '.csv' else pl.scan_parquet
+    try:
+        found = scan(path).collect_schema().names()
+    except Exception:  # polars raises errors of its own and of the system
+        found = []
+    if not set(columns) <= set(found):
+        raise ParameterError(f'{path} is not {what}; name another file with --out')
+    if not journal_of(path).exists():
+        raise ParameterError(
+            f'{path} would be written over, and its runs are lost: there is no '
+            f'{journal_of(path).name} beside it; delete it, or name another file with --out'
+        )
 
 
 def frame_of(results: Sequence[Mapping[str, Any]], metrics: Sequence[str]) -> 'polars.DataFrame':
@@ -216,32 +249,3 @@ def write(frame: 'polars.DataFrame', path: Path) -> None:
     else:
         frame.write_parquet(content)
     write_whole(path, content.getvalue())
-
-
-def read(path: Path, metrics: Sequence[str]) -> list[Result]:
-    """
-    Return the rows of the table of a study.
-
-    Raises
-    ------
-    ParameterError
-        If the file is something else.
-
-    """
-    pl = library()
-    types = {name: getattr(pl, kind) for name, kind in OWN.items()}
-    types |= dict.fromkeys(metrics, pl.Float64)
-    try:
-        if path.suffix == '.csv':
-            frame = pl.read_csv(path, schema_overrides=types)
-        else:
-            frame = pl.read_parquet(path)
-    except Exception as error:  # polars raises errors of its own and of the system
-        raise ParameterError(
-            f'{path} is not a whole table: {str(error).splitlines()[0]}; delete it, or name '
-            f'another file'
-        ) from None
-    if not {'row', 'status', 'key'} <= set(frame.columns):
-        raise ParameterError(f'{path} is not the table of a study; name another file')
-    rows: list[Result] = frame.with_columns(pl.col(pl.String).fill_null('')).to_dicts()
-    return rows

@@ -30,8 +30,16 @@ from typing import Any, ClassVar, TypeVar
 
 from snake_sim_ros.dynamics.code_cache import CodeCache
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.studies.runs import empty_result, known_result, never, Plan, Row, run_chunk
-from snake_sim_ros.studies.table import optional, Result
+from snake_sim_ros.studies.runs import (
+    empty_result,
+    known_result,
+    never,
+    Plan,
+    Row,
+    run_chunk,
+    run_of,
+)
+from snake_sim_ros.studies.table import note, optional, Result, Run
 
 CHUNK_SECONDS = 1.0  # time that a chunk of runs is to take
 GROWTH = 4  # a chunk has at most so many times the runs of the one before
@@ -174,8 +182,8 @@ def results_of(
     plan: Plan,
     rows: Iterable[Row],
     workers: Workers,
-    known: dict[str, Result],
-    keep: Callable[[Sequence[Result]], object],
+    known: dict[str, Run],
+    keep: Callable[[Sequence[Run]], object],
 ) -> Iterator[tuple[list[Result], bool]]:
     """
     Yield the results of rows in chunks, and whether they were run now: first those that are known.
@@ -186,9 +194,9 @@ def results_of(
     rows : iterable of Row
     workers : Workers
     known : dict
-        Results by their keys, of runs that are not done again; what is run is added.
+        Runs by their keys, which are not done again; what is run is added.
     keep : callable
-        Called with new results that have a key; what was refused at once has none.
+        Called with new runs; what was refused at once has none.
 
     Raises
     ------
@@ -205,9 +213,9 @@ def results_of(
             missing.append(row)
     yield found, False
     for chunk in _run(plan, missing, workers):
-        named = [result for result in chunk if result['key']]
-        keep(named)
-        known |= {result['key']: result for result in named}
+        runs = [run_of(plan, result) for result in chunk if result['key']]
+        keep(runs)
+        note(known, runs)
         yield chunk, True
 
 

@@ -19,7 +19,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.trajectory import Trajectory
-from snake_sim_ros.studies import workers
+from snake_sim_ros.studies import runs, workers
 from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
 from snake_sim_ros.studies.study import load_study, study_from, STUDY_KEYS, StudySettings
 from snake_sim_ros.studies.table import Journal, journal_of
@@ -303,6 +303,7 @@ def test_failed_runs_are_rows():
     beyond = 'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, got '
     assert frame['status'].to_list() == ['converged', 'refused', 'failed', *['refused'] * 3]
     assert frame['picky'].to_list() == [0.5, *[None] * 5]
+    assert frame['speed'][2] > 0.0  # it has its number, whatever another metric does
     assert frame['failure'][1].startswith(beyond)
     assert frame['failure'][2] == 'metric picky raised ZeroDivisionError: too slippery to say'
     assert frame['failure'][4] == 'friction.transversal must be at least 0, got -1'
@@ -356,7 +357,11 @@ def test_rows_that_are_done_are_not_run_again(tmp_path, name):
     _, ran = again([0.4], [own_metric])
     assert ran == {0}
     assert not again([0.4], [own_metric])[1]
-    assert not journal_of(out).exists()
+    # What was not asked for has stayed: rows and metrics of all the tables before.
+    last, ran = again([0.3, 0.4, 0.35], ['slip', own_metric, 'speed'])
+    assert ran == {0, 2}  # of which the own metric is not known
+    assert last['slip'][1] == first['slip'][1]
+    assert not again([0.3, 0.4, 0.35], ['slip', 'speed'])[1]
 
 
 def own_metric(trajectory):
@@ -368,20 +373,33 @@ def test_a_journal_is_whole_whatever_was_cut_off(tmp_path):
     journal = Journal(path)
     with pytest.raises(ParameterError, match='is being written by another study'):
         Journal(path)
-    journal.add([{'key': 'a', 'x': math.inf}, {'key': 'b', 'x': 0.1 + 0.2}])
-    journal.close(remove=False)
+    a, b, d = (
+        {'key': key, 'status': 'converged', 'failure': '', 'unconverged': 0, 'seconds': 1.0,
+         'metrics': {'x': x}} for key, x in (('a', math.inf), ('b', 0.1 + 0.2), ('d', 0.5))
+    )  # fmt: skip
+    journal.add([a, b])
+    journal.close()
     path.write_bytes(path.read_bytes() + b'{"key": "c", "x"')
     journal = Journal(path)
-    assert journal.rows() == [{'key': 'a', 'x': math.inf}, {'key': 'b', 'x': 0.1 + 0.2}]
-    journal.add([{'key': 'd'}])
-    assert [row['key'] for row in journal.rows()] == ['a', 'b', 'd']
-    journal.close(remove=True)
-    assert not path.exists()
+    assert journal.runs() == [a, b]
+    journal.add([d])
+    assert journal.runs() == [a, b, d]
+    journal.close()
+
+
+def test_a_table_whose_runs_are_lost_is_not_written_over(tmp_path):
+    out = tmp_path / 'table.parquet'
+    study('lateral_undulation', FRICTION, ['speed'], set=SHORT, out=out)
+    content = out.read_bytes()
+    journal_of(out).unlink()
+    with pytest.raises(ParameterError, match=r'there is no table\.parquet\.journal beside it'):
+        study('lateral_undulation', FRICTION, ['speed'], set=SHORT, out=out)
+    assert out.read_bytes() == content and not journal_of(out).exists()
 
 
 def test_files_that_are_no_tables_are_left_alone(tmp_path):
     for name, content, sentence in (
-        ('a.parquet', b'broken', 'is not a whole table'),
+        ('a.parquet', b'broken', 'is not the table of a study'),
         ('a.csv', b'x,y\n1,2\n', 'is not the table of a study'),
         ('a.txt', b'', '--out must end in .parquet or .csv'),
     ):
@@ -404,6 +422,39 @@ def test_trajectories_are_kept(tmp_path):
     again = study('lateral_undulation', FRICTION, ['distance'], **keep)
     assert values(again).equals(values(frame))
     assert len(list(folder.iterdir())) == 3
+
+
+def test_other_metrics_take_kept_trajectories(tmp_path, monkeypatch):
+    def broken(trajectory):
+        raise ValueError('no')
+
+    keep = {'set': SHORT, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
+    first = study('lateral_undulation', FRICTION, ['slip', broken], **keep)
+    assert set(first['status']) == {'failed'}
+    full = [name for name in METRICS if name != 'slip']
+    expected = study('lateral_undulation', FRICTION, full, set=SHORT)
+    monkeypatch.setattr(runs, 'Simulation', None)  # no run is done again
+    # Where only what failed is missing, it is tried with the trajectory.
+    again = study('lateral_undulation', FRICTION, ['slip', broken], **keep)
+    assert values(again).equals(values(first))
+    frame = study('lateral_undulation', FRICTION, [*METRICS, own_metric], **keep)
+    assert frame['slip'].equals(first['slip'])
+    assert set(frame['status']) == {'converged'} and set(frame['own_metric']) == {0.5}
+    assert frame.select(full).equals(expected.select(full))
+    # Without what has failed the others are known.
+    frame = study('lateral_undulation', FRICTION, ['slip'], **keep)
+    assert set(frame['status']) == {'converged'} and set(frame['failure']) == {''}
+
+
+def test_a_metric_that_fails_does_not_hide_steps_that_did_not_converge():
+    def broken(trajectory):
+        raise ValueError('no')
+
+    # An iteration a step is not enough for any contact.
+    given = {**SHORT, 'method': 'newton', 'dt': 0.01, 'solver.iteration_limit': 1}
+    frame = study('lateral_undulation', FRICTION, ['speed', broken], set=given)
+    assert set(frame['status']) == {'max_iterations'} and frame['unconverged'].min() > 0
+    assert set(frame['failure']) == {'metric broken raised ValueError: no'}
 
 
 # ---- workers ------------------------------------------------------------------------------------

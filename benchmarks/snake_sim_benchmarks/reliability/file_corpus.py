@@ -280,7 +280,10 @@ gait.yaw.amplitude_deg=30
 gravity=[0, 0.1, -9.81]
 robot.link_mass=[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
 method=bdf2"""
-JOURNAL = '{"row": 1, "speed": 0.25, "status": "done"}\n{"row": 2, "speed": null}\n'
+JOURNAL = (
+    '{"status": "converged", "failure": "", "unconverged": 0, "seconds": 0.1, "key": "ab", '
+    '"metrics": {"speed": 0.25}}\n{"key": "cd", "metrics": null}\n'
+)
 
 
 def corpus(folder: Path) -> dict[str, list[Change]]:

@@ -145,8 +145,8 @@ def _bag(path: Path) -> None:
 
 def _journal(path: Path) -> None:
     journal = Journal(path)
-    journal.rows()
-    journal.close(remove=True)
+    journal.runs()
+    journal.close()
 
 
 def _parameters(path: Path) -> None:

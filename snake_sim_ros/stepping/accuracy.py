@@ -20,8 +20,10 @@ misses; `comparison.limits` judges others, and docs/speed_accuracy.md has the nu
 """
 
 from collections.abc import Container
+from fractions import Fraction
 import math
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene, with_settings
 
 USUAL_ACCURACY = 1e-3
@@ -30,6 +32,8 @@ USUAL_ACCURACY = 1e-3
 LONGEST_STEP, LONGEST_TURN, TURNING_ACCURACY = 1 / 20, 0.047, 1e-2
 PATH_SHARE = 2e-3  # tolerance of the path at accuracy 1, in lengths of a link
 LEAST_SHARE = 1e-9  # least tolerance: below it rounding and events decide, in lengths of a link
+LEAST_STEP = 1 / 40000  # that is chosen; periods with a lesser common divisor are refused [s]
+FINEST = 10**6  # largest denominator of a period [1/s]
 RESIDUAL = 1e-8  # residual tolerance of the contacts; a larger one saves next to nothing [m/s]
 
 
@@ -51,6 +55,36 @@ def longest_step(scene: Scene, accuracy: float) -> float:
     return min(LONGEST_STEP, turn / max(fastest, turn / LONGEST_STEP))
 
 
+def common_divisor(scene: Scene, period: float) -> float:
+    """
+    Return the longest time that divides a sampling period and the periods of the controllers [s].
+
+    Raises
+    ------
+    ParameterError
+        If it is below LEAST_STEP.
+
+    """
+    robot = scene.robot
+    rates = {'control': robot.control_rate, 'reference': robot.reference_rate}
+    named = {f'{name} period': 1.0 / rate for name, rate in rates.items() if rate}
+    if robot.command_delay:
+        named['robot.command_delay'] = robot.command_delay
+    if not named:
+        return period
+    named = {'sampling period': period} | named
+    parts = [Fraction(time).limit_denominator(FINEST) for time in named.values()]
+    unit = math.lcm(*(part.denominator for part in parts))
+    divisor = math.gcd(*(int(part * unit) for part in parts)) / unit
+    if divisor < LEAST_STEP:
+        periods = ', '.join(f'{name} {time:g} s' for name, time in named.items())
+        raise ParameterError(
+            f'periods must have a common divisor of at least {LEAST_STEP:g} s, or dt must be '
+            f'given, got {periods}'
+        )
+    return divisor
+
+
 def with_accuracy(
     scene: Scene, accuracy: float, period: float, given: Container[str] = ()
 ) -> Scene:
@@ -63,8 +97,9 @@ def with_accuracy(
     accuracy : float
         Relative error of the path over a gait cycle, above 0.
     period : float
-        Time between two samples [s]. The steps of the scene are the longest that divide it,
-        `longest_step` at most. Each is taken in as many parts as the accuracy needs.
+        Time between two samples [s]. The steps of the scene are the longest that divide it and
+        the periods of the controllers, `longest_step` at most. Each is taken in as many parts as
+        the accuracy needs.
     given : container of str, optional
         Names of values that stay as they are in the scene, of `dt`, `method` and
         `solver.residual_tolerance`.
@@ -72,13 +107,14 @@ def with_accuracy(
     Raises
     ------
     ParameterError
-        If the accuracy or the period is not usable.
+        If the accuracy or a period is not usable.
 
     """
     if accuracy != scene.accuracy:
         scene = with_settings(scene, {'accuracy': accuracy})
+    whole = period if 'dt' in given else common_divisor(scene, period)
     settings = {
-        'dt': period / max(1, math.ceil(period / longest_step(scene, accuracy) - 1e-9)),
+        'dt': whole / max(1, math.ceil(whole / longest_step(scene, accuracy) - 1e-9)),
         'method': 'bdf2',
         'solver.residual_tolerance': RESIDUAL,
     }

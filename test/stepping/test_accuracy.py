@@ -10,6 +10,7 @@ import pytest
 
 from snake_sim_ros import Friction, ParameterError, Robot, Scene, Simulation
 from snake_sim_ros.commands.main import main
+from snake_sim_ros.dynamics.joint_control import make_control_loop
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, Settings
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.accuracy import longest_step, path_tolerance, with_accuracy
@@ -143,6 +144,33 @@ def test_steps_are_the_longest_that_divide_the_period_and_suit_the_gait():
     assert longest_step(CASE_A, 1e-5) < longest_step(CASE_A, 1e-4) < longest_step(CASE_A, 1e-3)
     # A robot that holds still.
     assert longest_step(Scene(), 1e-6) == pytest.approx(1 / 20)
+
+
+@pytest.mark.parametrize(
+    ('loop', 'dt'),
+    [
+        ({'control_rate': 150.0}, 1 / 300),
+        ({'reference_rate': 30.0}, 1 / 300),
+        ({'command_delay': 0.013}, 1 / 1000),
+        ({'control_rate': 250.0, 'command_delay': 0.003}, 1 / 1000),
+        ({'control_rate': 50.0, 'command_delay': 0.02}, 1 / 100),
+    ],
+)
+def test_steps_divide_the_periods_of_the_controllers_too(loop, dt):
+    scene = with_accuracy(replace(CASE_A, robot=Robot(**loop)), 1e-3, 1 / 100)
+    assert scene.dt == pytest.approx(dt, rel=1e-12)
+    make_control_loop(scene)  # it raises if they do not
+
+
+def test_periods_without_a_common_divisor_are_named():
+    scene = replace(CASE_A, robot=Robot(command_delay=0.0123456))
+    with pytest.raises(ParameterError) as caught:
+        with_accuracy(scene, 1e-3, 1 / 100)
+    assert str(caught.value) == (
+        'periods must have a common divisor of at least 2.5e-05 s, or dt must be given, '
+        'got sampling period 0.01 s, robot.command_delay 0.0123456 s'
+    )
+    assert with_accuracy(scene, 1e-3, 1 / 100, given=('dt',)).dt == scene.dt
 
 
 def test_values_that_were_given_stay():

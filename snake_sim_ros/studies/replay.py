@@ -52,7 +52,11 @@ TURNS = 4  # iterations for the heading that fits best
 FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where the search starts
 OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
-LOST = 1e3  # residual of a segment whose simulation diverges, in units of the noise
+LOST = 1e3  # residual of a segment whose simulation fails, in units of the noise
+# Steps at the start of a segment take 200 iterations. Where contacts have no solution, steps took
+# thousands, and a segment seconds.
+MOST_ITERATIONS = 300
+MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
 
 
 @dataclass(frozen=True)
@@ -404,12 +408,12 @@ class Replay:
         segment: Segment,
         commanded: tuple[Array, Array],
     ) -> CubicHermiteSpline | None:
-        """Return the simulated motion since the start of a segment; None if the robot diverges."""
+        """Return the simulated motion since the start of a segment; None if that fails."""
         state = start_state(scene, segment.measured, is_flat=self.is_flat)
         angle, rate = (array[segment.steps] for array in commanded)
         samples = make_samples(scene, self.every, len(angle) // self.every)
         report = stepper.advance(state, stepper.empty_history(), angle, rate, samples)[2]
-        if report.failure:
+        if report.failure or report.unconverged > MOST_UNCONVERGED * report.steps:
             return None
         q = np.concatenate([state.q[None], samples.q])
         u = np.concatenate([state.u[None], samples.u])
@@ -555,7 +559,10 @@ def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
     """
     if 'method' in given or 'dt' in given or bdf2.what_is_not_possible(scene):
         return scene
-    settings = {'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL}
+    settings = {
+        'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL,
+        'solver.iteration_limit': min(MOST_ITERATIONS, scene.solver.iteration_limit),
+    }  # fmt: skip
     if 'accuracy' not in given:
         settings['accuracy'] = ACCURACY
     return with_settings(scene, settings)

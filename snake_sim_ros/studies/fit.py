@@ -272,41 +272,62 @@ class Evaluations:
         self, replay: Replay, unknowns: tuple[Unknown, ...], pool: Executor, threads: int
     ) -> None:
         self.replay, self.unknowns, self.pool, self.threads = replay, unknowns, pool, threads
+        self.of_setup = np.array([unknown.names[0] in SETUP for unknown in unknowns], dtype=bool)
         self.count = 0
         self.report: Callable[[int, float], object] = lambda count, cost: None
+        self._residuals: dict[bytes, list[Residual]] = {}  # of points since the last derivatives
+        self._jacobians: dict[bytes, list[Array]] = {}  # of the last one
 
     def all(self, points: Sequence[Array]) -> list[list[Residual]]:
-        """Return the residuals of all segments at some points."""
+        """Return the residuals of all segments at some points, one simulation for each scene."""
         segments = self.replay.segments
         parts = [segments[k :: self.threads] for k in range(self.threads)]
-        waiting = [[self.pool.submit(self._residuals, x, part) for part in parts] for x in points]
-        found = []
-        for futures in waiting:
-            residuals: list[Residual] = [None] * len(segments)  # type: ignore[list-item]
+        alike: dict[bytes, list[int]] = {}  # points that differ in the setup only
+        for k, x in enumerate(points):
+            alike.setdefault(x[~self.of_setup].tobytes(), []).append(k)
+        groups = [[points[k] for k in group] for group in alike.values()]
+        waiting = [[self.pool.submit(self._of, group, part) for part in parts] for group in groups]
+        found: list[list[Residual]] = [[None] * len(segments) for _ in points]  # type: ignore[list-item]
+        for group, futures in zip(alike.values(), waiting, strict=True):
             for k, future in enumerate(futures):
-                residuals[k :: self.threads] = future.result()
-            found.append(residuals)
-        self.count += len(points)
+                for point, residuals in zip(group, future.result(), strict=True):
+                    found[point][k :: self.threads] = residuals
+        self.count += len(groups)
         return found
 
-    def _residuals(self, x: Array, part: tuple[Segment, ...]) -> list[Residual]:
+    def _of(self, points: Sequence[Array], part: tuple[Segment, ...]) -> list[list[Residual]]:
+        """Return the residuals of some segments at points with one scene."""
         try:
-            scene = scene_at(self.replay.scene, self.unknowns, x)
-            setup = setup_at(self.replay.setup, self.unknowns, x)
-            return self.replay.residuals(scene, part, setup)
+            scene = scene_at(self.replay.scene, self.unknowns, points[0])
+            setups = [setup_at(self.replay.setup, self.unknowns, x) for x in points]
+            return self.replay.residuals_of(scene, setups, part)
         except ParameterError as error:
-            values = [u.value(float(place)) for u, place in zip(self.unknowns, x, strict=True)]
+            pairs = zip(self.unknowns, points[0], strict=True)
+            values = [unknown.value(float(place)) for unknown, place in pairs]
             raise ParameterError(f'values {values} cannot be simulated: {error}') from None
+
+    def residuals(self, x: Array) -> list[Residual]:
+        """Return the residuals at a point."""
+        key = x.tobytes()
+        if key not in self._residuals:
+            (self._residuals[key],) = self.all([x])
+        return self._residuals[key]
 
     def flat(self, x: Array) -> Array:
         """Return all residuals as one array."""
-        (residuals,) = self.all([x])
-        found = np.concatenate([item.flat() for item in residuals])
+        found = np.concatenate([item.flat() for item in self.residuals(x)])
         self.report(self.count, float(found @ found))
         return found
 
     def jacobians(self, x: Array) -> list[Array]:
         """Return the derivatives of the residuals of each segment by central differences."""
+        key = x.tobytes()
+        if key not in self._jacobians:
+            self._jacobians = {key: self._differences(x)}
+            self._residuals = {key: self.residuals(x)}
+        return self._jacobians[key]
+
+    def _differences(self, x: Array) -> list[Array]:
         low, high = np.array([unknown.bounds for unknown in self.unknowns]).T
         steps = np.array([unknown.step for unknown in self.unknowns])
         ends = np.clip(x - steps, low, high), np.clip(x + steps, low, high)
@@ -370,11 +391,10 @@ def fit(
             x_scale='jac', ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE,
             max_nfev=MOST_EVALUATIONS,
         )  # fmt: skip
-        (residuals,) = evaluate.all([found.x])
-        jacobians = evaluate.jacobians(found.x)
         at_bound = tuple(
             unknown.name for unknown, side in zip(unknowns, found.active_mask, strict=True) if side
         )
+        jacobians, residuals = evaluate.jacobians(found.x), evaluate.residuals(found.x)
         return Fit(replay, unknowns, found.x, residuals, jacobians, at_bound, evaluate.count)
 
 

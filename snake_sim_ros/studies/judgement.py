@@ -18,7 +18,7 @@ Three tests look for what the model does not explain:
 What was found becomes text, JSON and the file of a scene here, too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -250,14 +250,8 @@ def what_is_suggested(found: Fit) -> tuple[str, ...]:
     free = {name for unknown in found.unknowns for name in unknown.names}
     over = float(r @ r) - found.freedom
     shares = []
-    for name, unit, value, step in _candidates(found):
-        if name in free:
-            continue
-        # From 0, what cannot be negative goes one way only.
-        low = value if name in OFTEN_MISSING and value < step else value - step
-        ends = [_flat(_residuals_with(found, name, end)) for end in (low, value + step)]
-        c = (ends[1] - ends[0]) / (value + step - low)
-        c -= basis @ (basis.T @ c)
+    for name, unit, value, c in _derivatives(found, free):
+        c = c - basis @ (basis.T @ c)
         if (square := float(c @ c)) > 0.0:
             share, change = float(c @ r) ** 2 / square / over, -float(c @ r) / square
             if name not in OFTEN_MISSING or value + change > 0.0:
@@ -270,24 +264,30 @@ def what_is_suggested(found: Fit) -> tuple[str, ...]:
     )
 
 
-def _candidates(found: Fit) -> Iterator[tuple[str, str, float, float]]:
-    """Yield names, units, values and steps of the numbers that may be suggested."""
-    for name, (field, _, unit) in SETUP.items():
-        yield name, unit, getattr(found.setup, field), SETUP_STEP
+def _derivatives(found: Fit, free: Container[str]) -> Iterator[tuple[str, str, float, Array]]:
+    """Yield names, units, values and derivatives of the numbers that may be suggested."""
+    replay, setup = found.replay, found.setup
+    fields = {name: field for name, (field, _, _) in SETUP.items() if name not in free}
+    ends = [
+        setup._replace(**{field: getattr(setup, field) + step})
+        for field in fields.values()
+        for step in (-SETUP_STEP, SETUP_STEP)
+    ]
+    flat = [_flat(residuals) for residuals in replay.residuals_of(found.scene, ends)]
+    for name, low, high in zip(fields, flat[::2], flat[1::2], strict=True):
+        field, _, unit = SETUP[name]
+        yield name, unit, getattr(setup, field), (high - low) / (2 * SETUP_STEP)
     known = flat_fields(found.scene)
     for name, step in OFTEN_MISSING.items():
         value, limits = known[name]
-        if isinstance(value, float):
-            yield name, limits['unit'], value, step
-
-
-def _residuals_with(found: Fit, name: str, value: float) -> list[Residual]:
-    """Return the residuals of a fit with another value of a number."""
-    if name in SETUP:
-        setup = found.setup._replace(**{SETUP[name][0]: value})
-        return found.replay.residuals(found.scene, setup=setup)
-    scene = with_settings(found.scene, {name: value})
-    return found.replay.residuals(scene, setup=found.setup)
+        if name not in free and isinstance(value, float):
+            # From 0, what cannot be negative goes one way only.
+            least, most = max(value - step, 0.0), value + step
+            low, high = (
+                _flat(replay.residuals(with_settings(found.scene, {name: end}), setup=setup))
+                for end in (least, most)
+            )
+            yield name, limits['unit'], value, (high - low) / (most - least)
 
 
 def _flat(residuals: list[Residual]) -> Array:

@@ -17,7 +17,7 @@ Synthetic recordings are simulated here, too: what another recording would have 
 scene.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
@@ -52,7 +52,11 @@ TURNS = 4  # iterations for the heading that fits best
 FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where the search starts
 OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
-LOST = 1e3  # residual of a segment whose simulation diverges, in units of the noise
+LOST = 1e3  # residual of a segment whose simulation fails, in units of the noise
+# Steps at the start of a segment take 200 iterations. Where contacts have no solution, steps took
+# thousands, and a segment seconds.
+MOST_ITERATIONS = 300
+MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
 
 
 @dataclass(frozen=True)
@@ -357,59 +361,63 @@ class Replay:
         setup: Setup | None = None,
     ) -> list[Residual]:
         """Return the residuals of segments, all of them by default, of another setup if given."""
+        return self.residuals_of(scene, [setup or self.setup], segments)[0]
+
+    def residuals_of(
+        self,
+        scene: Scene,
+        setups: Sequence[Setup],
+        segments: tuple[Segment, ...] | None = None,
+    ) -> list[list[Residual]]:
+        """Return the residuals of one simulation for each of some setups."""
         commanded, scene = self.references(scene), without_delay(scene)
         stepper = make_stepper(scene)
         if self._known:
             share_compiled(self._known, self._known_scene, stepper, scene)
-        found = [
-            self._residual(scene, stepper, item, commanded, setup or self.setup)
-            for item in (self.segments if segments is None else segments)
-        ]
+        found: list[list[Residual]] = [[] for _ in setups]
+        for item in self.segments if segments is None else segments:
+            motion = self._motion(scene, stepper, item, commanded)
+            for residuals, setup in zip(found, setups, strict=True):
+                residuals.append(self._residual(scene, item, motion, setup))
         self._known = self._known or stepper
         return found
 
     def _residual(
-        self,
-        scene: Scene,
-        stepper: Stepper,
-        segment: Segment,
-        commanded: tuple[Array, Array],
-        setup: Setup,
+        self, scene: Scene, segment: Segment, motion: CubicHermiteSpline | None, setup: Setup
     ) -> Residual:
-        settings = self.settings
-        later = segment.joint_time - (setup.joints - self.setup.joints)
-        times = segment.pose_time - (setup.poses - self.setup.poses), later
-        q = self.simulated(scene, stepper, segment, commanded, times)
-        if q is None:
+        """Return the residuals of a motion; LOST if there is none."""
+        if motion is None:
             size = segment.position.shape[:2]
             lost = np.where(np.isnan(segment.joint_angle), np.nan, LOST)
             return Residual(np.full((*size, 6), LOST), lost)
-        links = as_measured(q[0][:, self.recording.links], setup)
-        poses = aligned(segment, links, settings.noise_position, settings.noise_angle)
-        angle = joint_angles(q[1], scene.robot)
-        return Residual(poses, (segment.joint_angle - angle) / settings.noise_angle)
+        settings, before = self.settings, self.setup
+        poses = segment.pose_time - (setup.poses - before.poses) - segment.start
+        joints = segment.joint_time - (setup.joints - before.joints) - segment.start
+        q = coordinates_at(motion, poses)
+        # Samples of both kinds often have the same times.
+        all_q = q if np.array_equal(poses, joints) else coordinates_at(motion, joints)
+        links = as_measured(q[:, self.recording.links], setup)
+        off = aligned(segment, links, settings.noise_position, settings.noise_angle)
+        angle = joint_angles(all_q, scene.robot)
+        return Residual(off, (segment.joint_angle - angle) / settings.noise_angle)
 
-    def simulated(
+    def _motion(
         self,
         scene: Scene,
         stepper: Stepper,
         segment: Segment,
         commanded: tuple[Array, Array],
-        times: tuple[Array, Array],
-    ) -> tuple[Array, Array] | None:
-        """Return the coordinates (k, n, 7) at times of two kinds; None if the robot diverges."""
+    ) -> CubicHermiteSpline | None:
+        """Return the simulated motion since the start of a segment; None if that fails."""
         state = start_state(scene, segment.measured, is_flat=self.is_flat)
         angle, rate = (array[segment.steps] for array in commanded)
         samples = make_samples(scene, self.every, len(angle) // self.every)
         report = stepper.advance(state, stepper.empty_history(), angle, rate, samples)[2]
-        if report.failure:
+        if report.failure or report.unconverged > MOST_UNCONVERGED * report.steps:
             return None
         q = np.concatenate([state.q[None], samples.q])
         u = np.concatenate([state.u[None], samples.u])
-        # Each time once: samples of both kinds often have the same ones.
-        every, place = np.unique(np.concatenate(times), return_inverse=True)
-        found = between(q, u, self.period, every - segment.start)
-        return found[place[: len(times[0])]], found[place[len(times[0]) :]]
+        return motion_of(q, u, self.period)
 
     def start(self, scene: Scene) -> State:
         """Return the state at the start of the first segment."""
@@ -427,13 +435,14 @@ def with_offsets(replay: Replay, streams: Container[str]) -> Replay:
     count = round(FARTHEST_OFFSET / OFFSET_STEP)
     tried = OFFSET_STEP * np.arange(-count, count + 1)
     costs = np.zeros((len(tried), 2))
-    for cost, offset in zip(costs, tried, strict=True):
-        for item in replay.residuals(scene, setup=Setup(offset, offset)):
+    found = replay.residuals_of(scene, [Setup(offset, offset) for offset in tried.tolist()])
+    for cost, residuals in zip(costs, found, strict=True):
+        for item in residuals:
             cost += np.nansum(item.joints**2), np.nansum(item.poses**2)
     best = tried[costs.argmin(axis=0)]
     pairs = zip(('joints', 'poses'), best.tolist(), strict=True)
-    found = {name: offset for name, offset in pairs if name in streams}
-    return Replay(recording, scene, *rest, Setup(**found))
+    setup = Setup(**{name: offset for name, offset in pairs if name in streams})
+    return Replay(recording, scene, *rest, setup)
 
 
 def on_one_clock(recording: Recording, setup: Setup) -> Recording:
@@ -465,9 +474,9 @@ def without_delay(scene: Scene) -> Scene:
     return with_settings(scene, {'robot.command_delay': 0.0})
 
 
-def between(q: Array, u: Array, period: float, times: Array) -> Array:
+def motion_of(q: Array, u: Array, period: float) -> CubicHermiteSpline:
     """
-    Return coordinates at times between states, cubic in time.
+    Return the motion through states, cubic in time, for `coordinates_at`.
 
     Parameters
     ----------
@@ -475,24 +484,23 @@ def between(q: Array, u: Array, period: float, times: Array) -> Array:
         As of `state.State`, a period apart.
     period : float
         [s]
-    times : ndarray, shape (m,)
-        Since the first state [s].
-
-    Returns
-    -------
-    ndarray, shape (m, n, 7)
 
     """
-    p = q[..., 3:].copy()  # of which neither sign means anything, if it stays
+    q = q.copy()
+    p = q[..., 3:]  # of which neither sign means anything, if it stays
     signs = np.where((p[1:] * p[:-1]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
     p[1:] *= np.cumprod(signs, axis=0)
     omega = np.zeros(p.shape)
     omega[..., 1:] = u[..., 3:] / 2
-    states = np.concatenate([q[..., :3], p], axis=-1)
     rates = np.concatenate([u[..., :3], product(p, omega)], axis=-1)
-    found = CubicHermiteSpline(period * np.arange(len(q)), states, rates)(times)
+    return CubicHermiteSpline(period * np.arange(len(q)), q, rates)
+
+
+def coordinates_at(motion: CubicHermiteSpline, times: Array) -> Array:
+    """Return the coordinates of a motion at times since its first state [s], (m, n, 7)."""
+    found = np.asarray(motion(times))
     found[..., 3:] /= np.linalg.norm(found[..., 3:], axis=-1, keepdims=True)
-    return np.asarray(found)
+    return found
 
 
 def aligned(segment: Segment, q: Array, noise_position: float, noise_angle: float) -> Array:
@@ -513,26 +521,27 @@ def aligned(segment: Segment, q: Array, noise_position: float, noise_angle: floa
         Position and turn, in units of the noise.
 
     """
-    place, p = q[..., :3], q[..., 3:]
     ratio = (noise_position / noise_angle) ** 2
+    middle, center = segment.position.mean(axis=(0, 1)), q[..., :3].mean(axis=(0, 1))
+    place, measured = q[..., :3] - center, segment.position - middle
+    x, y = place[..., 0].ravel(), place[..., 1].ravel()
+    a, b = measured[..., 0].ravel(), measured[..., 1].ravel()
+    along, across = x @ a + y @ b, x @ b - y @ a
+    turn = product(segment.orientation, q[..., 3:] * CONJUGATE)  # from simulated to measured
+    turn *= np.where(turn[..., :1] < 0.0, -1.0, 1.0)
+    straight, about_z = 2.0 * ratio * turn[..., [0, 3]].sum(axis=(0, 1))
+    size = x @ x + y @ y + ratio * len(x)
+    heading = 0.0
     for _ in range(TURNS):
-        off = segment.position - place
-        center, shift = place.mean(axis=(0, 1)), off.mean(axis=(0, 1))
-        across = (place - center)[..., [1, 0]] * (-1.0, 1.0)
-        turn = _turn(segment.orientation, p)
-        asked = (across * (off - shift)[..., :2]).sum() + ratio * turn[..., 2].sum()
-        heading = asked / ((across**2).sum() + ratio * turn[..., 2].size)
-        by = about(2, float(heading))
-        place = (place - center) @ rotation_matrices(by).T + center + shift
-        p = product(np.broadcast_to(by, p.shape), p)
-    off = (segment.position - place) / noise_position
-    return np.concatenate([off, _turn(segment.orientation, p) / noise_angle], axis=-1)
-
-
-def _turn(a: Array, b: Array) -> Array:
-    """Return the small rotation vectors in frame I from orientations b to a, shape (..., 3)."""
-    turn = product(a, b * CONJUGATE)
-    return np.asarray(2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0))
+        cosine, sine = math.cos(heading), math.sin(heading)
+        asked = across * cosine - along * sine
+        asked += about_z * math.cos(heading / 2) - straight * math.sin(heading / 2)
+        heading += float(asked / size)
+    by = about(2, heading)
+    off = (measured - place @ rotation_matrices(by).T) / noise_position
+    left = product(turn, np.broadcast_to(by * CONJUGATE, turn.shape))
+    left *= np.where(left[..., :1] < 0.0, -1.0, 1.0)
+    return np.concatenate([off, 2.0 * left[..., 1:] / noise_angle], axis=-1)
 
 
 def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
@@ -550,7 +559,10 @@ def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
     """
     if 'method' in given or 'dt' in given or bdf2.what_is_not_possible(scene):
         return scene
-    settings = {'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL}
+    settings = {
+        'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL,
+        'solver.iteration_limit': min(MOST_ITERATIONS, scene.solver.iteration_limit),
+    }  # fmt: skip
     if 'accuracy' not in given:
         settings['accuracy'] = ACCURACY
     return with_settings(scene, settings)
@@ -599,14 +611,15 @@ def without_noise(
         raise ParameterError(report.failure)
     q = np.concatenate([state.q[None], samples.q])
     u = np.concatenate([state.u[None], samples.u])
+    motion = motion_of(q, u, every * dt)
     joints, poses = (
         times[(times >= begin) & (times <= recording.end)]
         for times in (recording.joint_time, recording.pose_time)
     )
     kept = np.isin(recording.joint_time, joints)
     missing = np.isnan(recording.joint_angle[kept])
-    angle = joint_angles(between(q, u, every * dt, joints - begin), scene.robot)
-    links = as_measured(between(q, u, every * dt, poses - begin)[:, recording.links], setup)
+    angle = joint_angles(coordinates_at(motion, joints - begin), scene.robot)
+    links = as_measured(coordinates_at(motion, poses - begin)[:, recording.links], setup)
     return replace(
         recording,
         joint_time=joints + setup.joints,

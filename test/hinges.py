@@ -5,10 +5,13 @@
 import numpy as np
 
 from snake_sim_ros import Robot, Scene, Solver, State
+from snake_sim_ros.scene.chain import Joint, LARGEST_ANGLE, Link, Shape
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.stepping.methods import METHODS
 
 AXES = {'yaw': 0, 'pitch': 1}
+ALONG = {'yaw': (0.0, 0.0, 1.0), 'pitch': (0.0, 1.0, 0.0)}  # in frames with x forward
+INERTIA = 1e-3  # of a link of `balls` [kg m^2]
 EVERY = [(method, axis) for method in METHODS for axis in AXES]
 DT = 1e-3
 
@@ -18,6 +21,30 @@ def floating(method: str, **robot: object) -> Scene:
     free = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
     return Scene(
         robot=Robot(link_count=2, joint_limit=0.5, **free | robot),
+        gravity=(0.0, 0.0, 0.0), method=method, dt=DT, level='spatial',
+        solver=Solver(tolerance=1e-13),
+    )  # fmt: skip
+
+
+def balls(
+    method: str, *axes: str, sign: float = 1.0, limits: dict | None = None, **robot: object
+) -> Scene:
+    """
+    Return two balls at one point whose joint has one axis or two, without gravity and controller.
+
+    With one axis nothing but the joint angle changes, by ``angle'' = 2 torque/INERTIA, however far
+    the joint is bent. The limits are those of `Joint`, the sign -1 turns the axes around.
+    """
+    free = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
+    first, *second = (tuple(sign * x for x in ALONG[axis]) for axis in axes)
+    joint = Joint(
+        name='j', axis=first, **dict(zip(['second_axis'], second, strict=False)), **(limits or {})
+    )
+    links = tuple(
+        Link(name=name, inertia=(INERTIA,) * 3 + (0.0,) * 3, shapes=(Shape(),)) for name in 'ab'
+    )
+    return Scene(
+        robot=Robot(links=links, joints=(joint,), **{'joint_limit': LARGEST_ANGLE} | free | robot),
         gravity=(0.0, 0.0, 0.0), method=method, dt=DT, level='spatial',
         solver=Solver(tolerance=1e-13),
     )  # fmt: skip

@@ -189,8 +189,8 @@ def close_step(
         Link centers from O in the middle of the step, in axes of I [m].
     problem : Problem
         As it was solved; impulses and twists are replaced.
-    furthest : ndarray, shape (n-1, 2)
-        Largest joint angles to either side; see `joint_drift.close_joints`.
+    furthest : ndarray, shape (n-1, 2, 2)
+        Least and largest angles of the axes; see `joint_drift.close_joints`.
     q : ndarray, shape (n, 7)
         Coordinates; corrected.
     q_before : ndarray, shape (n, 7)

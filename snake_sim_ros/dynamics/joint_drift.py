@@ -151,8 +151,8 @@ def close_joints(rule: int, places: JointPlaces, mass: Array, furthest: Array, q
     places : JointPlaces
     mass : ndarray, shape (n,)
         Masses of the links [kg].
-    furthest : ndarray, shape (n-1, 2)
-        Largest joint angles to either side, see `furthest_angle`.
+    furthest : ndarray, shape (n-1, 2, 2)
+        Least and largest angles of the axes, see `furthest_angles`; empty without stops.
     q : ndarray, shape (n, 7)
         Coordinates; corrected.
 
@@ -170,7 +170,7 @@ def close_joints(rule: int, places: JointPlaces, mass: Array, furthest: Array, q
                 square_axes(q, i, inner_axis(places, q, j, 1), outer_axis(places, q, j, 0))
             if not places.complete:
                 hold_absent_axis(places, q, j)
-            if furthest[j, 0] < math.inf or furthest[j, 1] < math.inf:
+            if len(furthest) > 0:
                 turn_back(places, q, j, furthest)
             a, b = (
                 carried_place(places.straight, q, j, places.distal, j),
@@ -238,35 +238,39 @@ def along(a: Three, b: Three) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@inlined
-def furthest_angle(
-    places: JointPlaces, stop: float, q: Array, j: int, k: int, middle: float
-) -> float:
+@compiled
+def furthest_angles(
+    places: JointPlaces, stop: Array, q: Array, mid: Array, furthest: Array
+) -> None:
     """
-    Return the largest angle of axis k of joint j, to either side, after a step of the paper [rad].
+    Fill the least and the largest angle of every axis after a step of the paper [rad].
+
+    They are infinite where no stop acts. A stop that is met between the start and the middle of
+    the step acts at the middle.
 
     Parameters
     ----------
     places : JointPlaces
-    stop : float
-        Where the stop is [rad].
+    stop : ndarray, shape (n-1, 2, 2)
+        Where the stops of (yaw, pitch) are: least and largest angles [rad].
     q : ndarray, shape (n, 7)
         Coordinates at the start of the step.
-    j, k : int
-    middle : float
-        Angle at the middle of the step [rad].
-
-    Returns
-    -------
-    float
-        Infinite where no stop acts. A stop that is met between start and middle of the step acts
-        at the middle.
+    mid : ndarray, shape (n-1, 2, 2)
+        Joint x (yaw, pitch) x (angle [rad], rate) at the middle of the step.
+    furthest : ndarray, shape (n-1, 2, 2)
+        Filled.
 
     """
-    if not abs(middle) >= stop:
-        return math.inf
-    start = abs(joint_angle(places, q, j, k))
-    return start if start >= stop else abs(middle)
+    for j in range(len(furthest)):
+        for k in range(2):
+            middle = mid[j, k, 0]
+            furthest[j, k, 0], furthest[j, k, 1] = -math.inf, math.inf
+            for side in range(2):
+                sign = 2.0 * side - 1.0
+                bound = sign * stop[j, k, side]
+                if sign * middle >= bound:
+                    start = joint_angle(places, q, j, k)
+                    furthest[j, k, side] = start if sign * start >= bound else middle
 
 
 @compiled
@@ -292,13 +296,14 @@ def axis_of(frame: Array, q: Array, j: int, i: int, k: int) -> Three:
 
 @compiled
 def turn_back(places: JointPlaces, q: Array, j: int, furthest: Array) -> None:
-    """Turn link j+1 about the axes of joint j until its angles are at most `furthest`."""
+    """Turn link j+1 about the axes of joint j until its angles are within `furthest`."""
     for k in range(2):
-        if not abs(furthest[j, k]) < math.inf:
+        low, high = furthest[j, k, 0], furthest[j, k, 1]
+        if not (low > -math.inf or high < math.inf):
             continue
         angle = joint_angle(places, q, j, k)
-        if abs(angle) > furthest[j, k]:
-            half = 0.5 * (math.copysign(furthest[j, k], angle) - angle)
+        if angle < low or angle > high:
+            half = 0.5 * ((low if angle < low else high) - angle)
             x, y, z = inner_axis(places, q, j, 1) if k == 0 else outer_axis(places, q, j, 0)
             s = math.sin(half)
             turn_link(q, j + 1, math.cos(half), s * x, s * y, s * z)

@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
-from snake_sim_ros.dynamics.joint_drift import furthest_angle
+from snake_sim_ros.dynamics.joint_drift import furthest_angles
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -48,8 +48,9 @@ class JointLaws(NamedTuple):
     torque_limit: Array  # (n-1, 2) largest torque of the controller [N m]; infinite without limit
     friction: Array  # (n-1, 2) [N m]
     viscous: Array  # (n-1, 2) [N m s/rad]
-    stop: float  # largest joint angle to either side [rad]; infinite without stops
-    fastest: float  # largest rate [rad/s]; infinite without stops of the rate
+    has_stops: bool  # whether there are stops of the angles
+    stop: Array  # (n-1, 2, 2) least and largest angle [rad]; infinite without stops
+    fastest: Array  # (n-1, 2) largest rate [rad/s]; infinite without stops of the rate
     inertia: float  # scale of 1/r: the moment of inertia across a link [kg m^2]
 
 
@@ -67,7 +68,7 @@ class AxisLaws(NamedTuple):
     cut: Array  # sign of the limit that the controller is at; 0: it follows
     slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
     held: Array  # sign of the bound that holds the rate; 0: none does
-    furthest: Array  # largest angles to either side after a step of the paper [rad]
+    furthest: Array  # (n-1, 2, 2) see `joint_drift.furthest_angles`; empty without stops
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -75,19 +76,23 @@ def make_joint_laws(robot: Robot) -> JointLaws:
     limit, friction, viscous = (
         robot.per_joint(name) for name in ('torque_limit', 'friction', 'viscous_friction')
     )
-    stop = robot.joint_limit if robot.joint_stop else math.inf
-    fastest = robot.joint_rate_limit if robot.rate_stop else math.inf
-    stopped = robot.joint_stop or robot.rate_stop
+    has_stops, most = robot.joint_stop, robot.limits
+    stop = np.stack([most.low, most.high], axis=-1)
+    if not has_stops:
+        stop[..., 0], stop[..., 1] = -math.inf, math.inf
+    fastest = most.rate if robot.rate_stop else np.full(most.rate.shape, math.inf)
+    stopped = has_stops or robot.rate_stop
     present = np.isfinite(limit).any() or friction.any() or viscous.any() or stopped
     inertia = float(robot.per_link('inertia_transversal').mean())
-    return JointLaws(bool(present), limit, friction, viscous, stop, fastest, inertia)
+    return JointLaws(bool(present), limit, friction, viscous, has_stops, stop, fastest, inertia)
 
 
-def make_axis_laws(n: int) -> AxisLaws:
-    """Return the arrays for n links."""
-    axes = AxisLaws(*(np.zeros((n - 1, 2)) for _ in AxisLaws._fields))
-    axes.furthest[:] = math.inf
-    return axes
+def make_axis_laws(robot: Robot) -> AxisLaws:
+    """Return the arrays for a robot."""
+    joints = robot.link_count - 1
+    axes = AxisLaws(*(np.zeros((joints, 2)) for _ in AxisLaws._fields))
+    furthest = np.tile([-math.inf, math.inf], (joints if robot.joint_stop else 0, 2, 1))
+    return axes._replace(furthest=furthest)
 
 
 @inlined
@@ -96,14 +101,24 @@ def begin_axis(laws: JointLaws, axes: AxisLaws, h: float, j: int, k: int) -> Non
     axes.limit[j, k] = h * laws.torque_limit[j, k]
     axes.friction[j, k] = h * laws.friction[j, k]
     axes.viscous[j, k] = h * laws.viscous[j, k]
-    axes.low[j, k], axes.high[j, k] = -laws.fastest, laws.fastest
+    axes.low[j, k], axes.high[j, k] = -laws.fastest[j, k], laws.fastest[j, k]
 
 
 @inlined
 def stop_axis(laws: JointLaws, axes: AxisLaws, j: int, k: int, low: float, high: float) -> None:
     """Bound the rate of axis k of joint j by its stops [rad/s], within what the rate may be."""
-    axes.low[j, k] = min(max(low, -laws.fastest), laws.fastest)
-    axes.high[j, k] = min(max(high, -laws.fastest), laws.fastest)
+    fastest = laws.fastest[j, k]
+    axes.low[j, k] = min(max(low, -fastest), fastest)
+    axes.high[j, k] = min(max(high, -fastest), fastest)
+
+
+@inlined
+def stop_at_middle(laws: JointLaws, axes: AxisLaws, j: int, k: int, angle: float) -> None:
+    """Bound the rate of an axis that is at a stop with its angle at the middle of a step [rad]."""
+    if angle >= laws.stop[j, k, 1]:
+        axes.high[j, k] = 0.0
+    elif angle <= laws.stop[j, k, 0]:
+        axes.low[j, k] = 0.0
 
 
 @inlined
@@ -206,13 +221,13 @@ def is_at_stop(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
 @inlined
 def is_low(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the lower rate that a stop of its angle allows."""
-    return axes.low[j, k] > -laws.fastest and is_at(axes.rate[j, k], axes.low[j, k])
+    return axes.low[j, k] > -laws.fastest[j, k] and is_at(axes.rate[j, k], axes.low[j, k])
 
 
 @inlined
 def is_high(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the upper rate that a stop of its angle allows."""
-    return axes.high[j, k] < laws.fastest and is_at(axes.rate[j, k], axes.high[j, k])
+    return axes.high[j, k] < laws.fastest[j, k] and is_at(axes.rate[j, k], axes.high[j, k])
 
 
 @inlined
@@ -249,8 +264,8 @@ def begin_axis_impact(
             known -= math.copysign(axes.friction[j, k], w)
     axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
     axes.friction[j, k] = axes.viscous[j, k] = 0.0
-    axes.low[j, k] = 0.0 if low else -laws.fastest
-    axes.high[j, k] = 0.0 if high else laws.fastest
+    axes.low[j, k] = 0.0 if low else -laws.fastest[j, k]
+    axes.high[j, k] = 0.0 if high else laws.fastest[j, k]
     return first_law(laws.inertia, axes, j, k)
 
 
@@ -283,12 +298,10 @@ def begin_joint_laws(
             axes.torque[j, k], axes.damping[j, k] = torque[j, k], damping[j, k]
             axes.rate[j, k] = mid[j, k, 1]
             begin_axis(laws, axes, dt, j, k)
-            axes.furthest[j, k] = furthest_angle(robot.places, laws.stop, q, j, k, mid[j, k, 0])
-            if mid[j, k, 0] >= laws.stop:
-                axes.high[j, k] = 0.0
-            elif mid[j, k, 0] <= -laws.stop:
-                axes.low[j, k] = 0.0
+            stop_at_middle(laws, axes, j, k, mid[j, k, 0])
             torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
+    if laws.has_stops:
+        furthest_angles(robot.places, laws.stop, q, mid, axes.furthest)
 
 
 class Trial(NamedTuple):

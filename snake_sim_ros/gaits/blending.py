@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import Gait, soft_start, Table, Wave
+from snake_sim_ros.scene.gait import AXES, Gait, soft_start, Table, Wave
 from snake_sim_ros.scene.parameters import Array, Robot
 
 FREQUENCY_RATIOS = range(-4, 5)  # pitch over yaw frequency; the waves then form one motion
@@ -199,19 +199,24 @@ class Blend:
         return (self.begins + self.duration / 2)[:, None] * np.diff(self.frequency, axis=0)
 
 
-def largest_values(robot: Robot) -> dict[str, float]:
+def largest_values(robot: Robot, axis: str) -> dict[str, float]:
     """
-    Return name -> largest magnitude of the numbers of a wave.
+    Return name -> largest magnitude of the numbers of the wave of an axis, 'yaw' or 'pitch'.
 
-    They leave half of the joint rate limit to the wave, whatever its amplitude, and half to the
-    blends, see `shortest_blend`, so that no change of a gait exceeds the limit.
+    The wave is that of all joints, so that the narrowest limits count. The numbers leave half of
+    the joint rate limit to the wave, whatever its amplitude, and half to the blends, see
+    `shortest_blend`, so that no change of a gait exceeds the limit.
     """
+    low, high, rates = (each[:, AXES.index(axis)] for each in robot.limits)
+    least = float(low.max(initial=-robot.joint_limit))
+    most = float(high.min(initial=robot.joint_limit))
+    rate, amplitude = rates.min(initial=robot.joint_rate_limit), max(most - least, 0.0) / 2
     return {
-        'amplitude': robot.joint_limit,
-        'angular_frequency': robot.joint_rate_limit / (2 * robot.joint_limit),
+        'amplitude': amplitude,
+        'angular_frequency': float(rate) / (2 * amplitude) if amplitude else 0.0,
         'phase_lag': 2 * math.pi,
         'phase': 2 * math.pi,
-        'offset': robot.joint_limit,
+        'offset': max(abs(least), abs(most)),
     }
 
 
@@ -220,9 +225,11 @@ def shortest_blend(robot: Robot) -> float:
     Return the shortest time of a blend [s].
 
     With waves up to the joint limit alpha, the blends of any sequence of gaits add to the rate of
-    a joint ``alpha sum_k |w_k'| <= 2 alpha max s' = 3 alpha/T``: half of the joint rate limit.
+    a joint ``alpha sum_k |w_k'| <= 2 alpha max s' = 3 alpha/T``: half of the joint rate limit. The
+    slowest joint counts.
     """
-    return 6 * robot.joint_limit / robot.joint_rate_limit
+    low, high, rate = robot.limits
+    return float((6 * np.maximum(-low, high) / rate).max(initial=0.0))
 
 
 def check_limits(gait: Gait, robot: Robot) -> None:
@@ -235,15 +242,17 @@ def check_limits(gait: Gait, robot: Robot) -> None:
         If a number of a wave, a rate of the table, or what `check_reach` adds, is too large.
 
     """
-    largest = robot.joint_rate_limit / 2
-    fastest = float(gait.table.largest()[1].max()) if gait.table else 0.0
-    if fastest > largest:
-        raise ParameterError(
-            f'gait.table must have rates of at most {largest:.4g} rad/s, half of the joint rate '
-            f'limit, got {fastest:.4g} rad/s'
-        )
+    if gait.table:
+        rate, fastest = robot.limits.rate / 2, gait.table.extremes()[2]
+        worst = int((fastest / rate).argmax())
+        if fastest.flat[worst] > rate.flat[worst]:
+            of = '' if (rate == rate[0, 0]).all() else f' of {robot.name_of_axis(worst)}'
+            raise ParameterError(
+                f'gait.table must have rates of at most {rate.flat[worst]:.4g} rad/s, half of the '
+                f'joint rate limit{of}, got {fastest.flat[worst]:.4g} rad/s'
+            )
     for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
-        for name, largest in largest_values(robot).items():
+        for name, largest in largest_values(robot, axis).items():
             value = getattr(wave, name)
             if abs(value) > largest:
                 unit = Wave.__dataclass_fields__[name].metadata['unit']
@@ -256,25 +265,32 @@ def check_limits(gait: Gait, robot: Robot) -> None:
 
 def check_reach(gait: Gait, robot: Robot) -> None:
     """
-    Check that the angles of a gait are within the joint limit.
+    Check that the angles of a gait are within the limits of the joints.
 
     Raises
     ------
     ParameterError
-        If amplitude plus offset plus the largest angle of the table is too large.
+        If offset plus or minus amplitude, plus the angles of the table, is beyond them.
 
     """
-    largest = gait.table.largest()[0].max(axis=0).tolist() if gait.table else [0.0, 0.0]
-    for axis, wave, most in (('yaw', gait.yaw, largest[0]), ('pitch', gait.pitch, largest[1])):
-        reach = abs(wave.amplitude) + abs(wave.offset) + most
-        plus = ' plus the largest angle of gait.table' if most else ''
-        if reach > robot.joint_limit:
-            degrees = f'; for degrees say gait.{axis}.amplitude_deg' if reach > math.pi else ''
-            if most:
-                degrees = '; columns in degrees end in _deg' if most > math.pi else ''
+    still = np.zeros((robot.link_count - 1, 2))
+    low, high = gait.table.extremes()[:2] if gait.table else (still, still)
+    for k, (axis, wave) in enumerate((('yaw', gait.yaw), ('pitch', gait.pitch))):
+        least = wave.offset - abs(wave.amplitude) + low[:, k]
+        largest = wave.offset + abs(wave.amplitude) + high[:, k]
+        if len(least) and (beyond := robot.beyond(k, least, largest)):
+            j, limit = beyond
+            reach = max(least[j], largest[j], key=abs)
+            of_table = max(low[j, k], high[j, k], key=abs)
+            plus = ' plus the largest angle of gait.table' if of_table else ''
+            degrees = ''
+            if abs(of_table) > math.pi:
+                degrees = '; columns in degrees end in _deg'
+            elif abs(reach) > math.pi and not of_table:
+                degrees = f'; for degrees say gait.{axis}.amplitude_deg'
             raise ParameterError(
-                f'amplitude plus offset of gait.{axis}{plus} must be within the joint limit, '
-                f'{robot.joint_limit:.4g} rad, got {reach:.4g} rad{degrees}'
+                f'amplitude plus offset of gait.{axis}{plus} must be within {limit}, got '
+                f'{reach:.4g} rad{degrees}'
             )
 
 

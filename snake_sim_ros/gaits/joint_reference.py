@@ -8,11 +8,11 @@ joint axes.
 """
 
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene.chain import JointLimits
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 
@@ -89,22 +89,22 @@ def sample_motion(
 
 
 @compiled
-def hold_at_limit(limit: float, angle: Array, rate: Array) -> None:
+def hold_at_limit(low: Array, high: Array, angle: Array, rate: Array) -> None:
     """
-    Clip angles to a limit [rad], and set the rates of clipped axes to 0.
+    Clip angles to their limits, and set the rates of clipped axes to 0.
 
     Parameters
     ----------
-    limit : float
-        Largest magnitude of an angle [rad].
+    low, high : ndarray, shape (k,)
+        Least and largest angle of every axis [rad].
     angle, rate : ndarray, shape (m, k)
         Changed in place.
 
     """
     for i in range(angle.shape[0]):
         for k in range(angle.shape[1]):
-            if abs(angle[i, k]) > limit:
-                angle[i, k] = math.copysign(limit, angle[i, k])
+            if angle[i, k] > high[k] or angle[i, k] < low[k]:
+                angle[i, k] = high[k] if angle[i, k] > high[k] else low[k]
                 rate[i, k] = 0.0
 
 
@@ -145,8 +145,8 @@ class Motion:
         """Time of the last point [s]."""
         return float(self.times[-1])
 
-    def extremes(self) -> tuple[Array, Array]:
-        """Return largest magnitudes of angle [rad] and rate [rad/s], shape (points-1, k)."""
+    def extremes(self) -> tuple[Array, Array, Array]:
+        """Return least and largest angle [rad] and fastest rate [rad/s], shape (points-1, k)."""
         a, b, c, d = np.moveaxis(self.coefficients, 1, 0)
         span = np.diff(self.times)[:, None]
         moments = [span]
@@ -158,11 +158,13 @@ class Motion:
                 turns = half / (3 * d), b / half
                 bends = -c / (3 * d)
             moments += [np.where((s > 0) & (s < span), s, 0.0) for s in (*turns, bends)]
-        angle, rate = np.abs(a), np.abs(b)
+        least, largest, fastest = a.copy(), a.copy(), np.abs(b)
         for s in moments:
-            np.maximum(angle, np.abs(a + s * (b + s * (c + s * d))), out=angle)
-            np.maximum(rate, np.abs(b + s * (2.0 * c + s * (3.0 * d))), out=rate)
-        return angle, rate
+            angle = a + s * (b + s * (c + s * d))
+            np.minimum(least, angle, out=least)
+            np.maximum(largest, angle, out=largest)
+            np.maximum(fastest, np.abs(b + s * (2.0 * c + s * (3.0 * d))), out=fastest)
+        return least, largest, fastest
 
     def without(self, axes: Array) -> 'Motion':
         """Return the motion without some axes."""
@@ -220,7 +222,7 @@ class JointReference:
     rate: Array
     motions: tuple[Motion, ...] = ()
 
-    def sample(self, times: Array, horizon: float, limit: float) -> tuple[Array, Array]:
+    def sample(self, times: Array, horizon: float, limits: JointLimits) -> tuple[Array, Array]:
         """
         Return the reference at given times; a command is extrapolated with its rate for a while.
 
@@ -231,8 +233,8 @@ class JointReference:
         horizon : float
             Time for which a command is extrapolated [s]; then its angle is held and the rate is
             zero.
-        limit : float
-            Largest angle [rad]; a reference beyond it is held there.
+        limits : JointLimits
+            Of the robot; a reference beyond the angles is held there.
 
         Returns
         -------
@@ -248,7 +250,7 @@ class JointReference:
             if motion.begin > times[-1]:
                 break
             sample_motion(times, motion.axes, motion.times, motion.coefficients, *sampled)
-        hold_at_limit(float(limit), *sampled)
+        hold_at_limit(limits.low.ravel(), limits.high.ravel(), *sampled)
         return sampled[0].reshape(shape), sampled[1].reshape(shape)
 
     def commanded(self, axes: Array, stamp: float, angle: Array, rate: Array) -> 'JointReference':
@@ -312,7 +314,7 @@ def start_posture(scene: Scene, now: float = 0.0) -> JointReference:
 def compile_sampling(scene: Scene) -> None:
     """Compile the functions that sample references, or load them from the cache."""
     still = motion_through(np.array([0]), np.zeros(1), np.zeros((1, 1)), None)
-    start_posture(scene).moved(still).sample(np.zeros(1), 0.0, 1.0)
+    start_posture(scene).moved(still).sample(np.zeros(1), 0.0, scene.robot.limits)
 
 
 # ---- limit of rates -----------------------------------------------------------------------------
@@ -353,7 +355,7 @@ class LimitedReference:
         self._late = np.zeros(angle.shape, dtype=bool)
 
     def limited(
-        self, times: Array, angle: Array, rate: Array, *, period: float, limit: float
+        self, times: Array, angle: Array, rate: Array, *, period: float, limit: float | Array
     ) -> tuple[Array, Array]:
         """
         Return references within the rate limit.
@@ -366,8 +368,8 @@ class LimitedReference:
             Commanded [rad], [rad/s].
         period : float
             Publish period [s].
-        limit : float
-            Largest rate [rad/s].
+        limit : float or ndarray, shape (n-1, 2)
+            Largest rate of all axes or of each [rad/s].
 
         Returns
         -------
@@ -375,7 +377,8 @@ class LimitedReference:
             The same arrays if nothing is held back.
 
         """
-        too_far = np.abs(angle - self._angle).max(axis=0) > limit * period + ROUNDING
+        far = np.abs(angle - self._angle).max(axis=0)
+        too_far = far > limit * period + ROUNDING
         self.count += int((too_far & ~self._late).sum())
         led = too_far | self._late
         if led.any():

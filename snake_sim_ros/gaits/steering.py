@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import math
 
 from snake_sim_ros.gaits.blending import largest_values
-from snake_sim_ros.scene.gait import Gait, Table
+from snake_sim_ros.scene.gait import AXES, Gait, Table
 from snake_sim_ros.scene.parameters import Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
@@ -65,7 +65,7 @@ class Steering:
         if self.speed == 0.0 or cycle == 0.0 or gait.table:
             return _still(gait), remarks
 
-        largest = largest_values(robot)['angular_frequency']
+        largest = min(largest_values(robot, axis)['angular_frequency'] for axis in AXES)
         fastest = max(abs(yaw.angular_frequency), abs(pitch.angular_frequency))
         reachable = largest * abs(cycle) / fastest * stride / (2 * math.pi)
         speed = min(max(self.speed, -reachable), reachable)
@@ -76,9 +76,10 @@ class Steering:
             )
         ahead = -1.0 if yaw.phase_lag > 0.0 else 1.0
         scale = ahead * 2 * math.pi * speed / stride / cycle
-        room = robot.joint_limit - abs(yaw.amplitude)
+        least = robot.limits.low[:, 0].max(initial=-robot.joint_limit) + abs(yaw.amplitude)
+        most = robot.limits.high[:, 0].min(initial=robot.joint_limit) - abs(yaw.amplitude)
         wanted = -float(robot.per_link('link_length').mean()) * self.turning / self.speed
-        offset = min(max(wanted, -room), room)
+        offset = float(min(max(wanted, least), most))
         if offset != wanted:
             remarks['offset'] = (
                 f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '

@@ -155,7 +155,7 @@ class CommandInbox:
             times,
             *self._sampled(times, self.settings.command_horizon),
             period=1.0 / self.settings.publish_rate,
-            limit=self._simulation.scene.robot.joint_rate_limit,
+            limit=self._simulation.scene.robot.limits.rate,
         )
 
     @property
@@ -233,8 +233,7 @@ class CommandInbox:
         self._reference = self._reference.commanded(axes, now, angle, still)
 
     def _sampled(self, times: Array, horizon: float) -> tuple[Array, Array]:
-        limit = self._simulation.scene.robot.joint_limit
-        return self._reference.sample(times, horizon, limit)
+        return self._reference.sample(times, horizon, self._simulation.scene.robot.limits)
 
     # ---- what came ------------------------------------------------------------------------------
 

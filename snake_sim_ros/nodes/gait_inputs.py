@@ -219,11 +219,11 @@ def measured(message: JointState, names: Sequence[str]) -> Measured:
     return Measured(angle, rate, stamp, time.monotonic())
 
 
-def put_back(before: Measured, after: Measured, rate_limit: float) -> bool:
+def put_back(before: Measured, after: Measured, rate_limit: float | Array) -> bool:
     """
     Return whether the angles of two times are not those of one motion.
 
-    A joint is not faster than the rate limit [rad/s], or than twice the rates that it reports. A
+    A joint is not faster than its rate limit [rad/s], or than twice the rates that it reports. A
     simulation that is reset reports other angles at the same time, or at an earlier one.
     """
     if before.stamp == 0 or after.stamp == 0:
@@ -256,7 +256,7 @@ class MeasuredStart:
     ) -> None:
         self._node, self._robot, self._used = node, robot, used
         self._clock, self._jumps = clock, jumps
-        self._names = list(robot.axis_names)
+        self._names, self._limits = list(robot.axis_names), robot.limits_of_axes(robot.axis_places)
         self._last: Measured | None = None
         self._put_back = self._refused = False
         self._missing_since: float | None = None  # s on the monotonic clock
@@ -306,8 +306,7 @@ class MeasuredStart:
         angle = self._angles(now) if self._used else None
         if angle is None or np.abs(angle - self._robot.by_axis(start)).max() <= SAME:
             return None
-        limit = self._robot.joint_limit
-        return self._robot.by_joint(np.clip(angle, -limit, limit), 0.0)
+        return self._robot.by_joint(np.clip(angle, self._limits.low, self._limits.high), 0.0)
 
     def _angles(self, now: int) -> Array | None:
         last = self._last
@@ -331,7 +330,7 @@ class MeasuredStart:
                 )
             return
         last, self._last = self._last, new
-        if last and put_back(last, new, self._robot.joint_rate_limit):
+        if last and put_back(last, new, self._limits.rate):
             self._put_back = True
             self._jumps.add(of_time=False)
 

@@ -51,6 +51,7 @@ from snake_sim_ros.scene.checked_records import (
     ParameterError,
     quantity,
 )
+from snake_sim_ros.scene.gait import AXES
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, with_settings
 
 # The node takes the gait of a scene, and these parameters of its robot.
@@ -245,9 +246,10 @@ class GaitNode(Node):
 
     def _describe_ranges(self) -> None:
         """Declare the numbers of the waves again, with the ranges that this robot allows."""
-        ranges = largest_values(self.robot)
+        ranges = {axis: largest_values(self.robot, axis) for axis in AXES}
         for name, (value, limits) in flat_fields(self.gait, 'gait.').items():
-            largest = ranges.get(name.rpartition('.')[2])
+            _, axis, key = f'{name}.'.split('.')[:3]
+            largest = ranges[axis].get(key) if axis in AXES else None
             if largest is not None:
                 symmetric = {**limits, 'minimum': -largest, 'maximum': largest}
                 declare(self, name, value, symmetric, read_only=False)

@@ -19,8 +19,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros.gaits.joint_reference import JointReference, Motion, motion_through, NONE
 from snake_sim_ros.nodes.messages import EPOCH, seconds_from
+from snake_sim_ros.scene.chain import JointLimits
 from snake_sim_ros.scene.checked_records import cut, quoted
-from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.parameters import Array, range_text, Robot
 
 ROUNDING = 1e-9  # rad, rad/s; a motion may exceed limits at its points by so much
 STREAM = 0.5  # s; commands for a joint that come more often are a stream
@@ -107,10 +108,11 @@ def joint_command(
     position = np.array(message.position)
     velocity = np.array(message.velocity) if message.velocity else np.zeros(count)
     check_finite(topic, 'position', names, position)
-    check_rates(topic, names, velocity, robot.joint_rate_limit)
+    limits = robot.limits_of_axes(axes)
+    check_rates(topic, names, velocity, limits)
 
     stamp = _stamp(topic, message, last, axes, now)
-    position, clamped = clamped_to(topic, names, position, robot.joint_limit)
+    position, clamped = clamped_to(topic, names, position, limits)
     signs = robot.place_signs[axes]
     reference = last.commanded(axes, stamp, signs * position, signs * velocity)
     return ReceivedCommand(reference, clamped, effort=effort)
@@ -175,7 +177,8 @@ def position_commands(
             f'got {len(position)}',
         )
     check_finite(topic, 'position', names, position)
-    position, clamped = clamped_to(topic, names, position, robot.joint_limit)
+    limits = robot.limits_of_axes(robot.axis_places)
+    position, clamped = clamped_to(topic, names, position, limits)
     angle, still = robot.axis_signs * position, np.zeros(len(names))
     return ReceivedCommand(last.commanded(robot.axis_places, now, angle, still), clamped)
 
@@ -183,13 +186,16 @@ def position_commands(
 def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: float) -> str:
     """Return a sentence about a joint that its velocity takes beyond the limit by now, or ''."""
     age = np.minimum(now - reference.stamp, horizon)
-    angle = np.abs(reference.angle + age * reference.rate)
-    if angle.max() <= robot.joint_limit + ROUNDING:
+    angle = reference.angle + age * reference.rate
+    excess = excess_of(angle, robot.limits)
+    worst = np.array([int(excess.argmax())])
+    if excess.flat[worst[0]] <= ROUNDING:
         return ''
-    worst = _name_of(int(angle.argmax()), robot)
+    (low,), (high,), _ = robot.limits_of_axes(worst)
+    (reached,) = robot.place_signs[worst] * angle.flat[worst]
     return (
-        f'joint_command: {worst} is clamped to the joint limit, +-{robot.joint_limit:.4g} rad; '
-        f'with its velocity it would reach {angle.max():.4g} rad'
+        f'joint_command: {robot.name_of_axis(int(worst[0]))} is clamped to the joint limit, '
+        f'{range_text(low, high)}; with its velocity it would reach {reached:.4g} rad'
     )
 
 
@@ -223,21 +229,20 @@ def jump_between(
 
     """
     moment = np.array([now])
-    angles = [item.sample(moment, horizon, robot.joint_limit)[0][0] for item in (last, new)]
+    angles = [item.sample(moment, horizon, robot.limits)[0][0] for item in (last, new)]
     way, since = np.abs(angles[1] - angles[0]), new.stamp - last.stamp
     span = np.where((since > STREAM) | (since < period), period, since)
     for motion in last.motions:
         if motion.begin <= now:
             span.flat[motion.axes[motion.axes != NONE]] = period
-    limit = robot.joint_rate_limit
-    too_far = way / span
-    worst = int(too_far.argmax())
-    needed = float(too_far.flat[worst])
+    needed_rate, limits = way / span, robot.limits.rate
+    worst = int((needed_rate / limits).argmax())
+    needed, limit = float(needed_rate.flat[worst]), float(limits.flat[worst])
     if needed <= limit * (1.0 + ROUNDING):
         return ''
     before, after = (float(angle.flat[worst]) for angle in angles)
     return (
-        f'{topic}: {_name_of(worst, robot)} jumps from {before:.4g} rad to '
+        f'{topic}: {robot.name_of_axis(worst)} jumps from {before:.4g} rad to '
         f'{after:.4g} rad; {needed:.4g} rad/s would be needed, at most {limit:.4g} rad/s; '
         f'it is led there at that rate'
     )
@@ -247,11 +252,6 @@ def jump_between(
 def _axes_by_name(robot: Robot) -> dict[str, int]:
     """Return name -> place along the robot of every axis, yaw before pitch."""
     return dict(zip(robot.axis_names, robot.axis_places.tolist(), strict=True))
-
-
-def _name_of(place: int, robot: Robot) -> str:
-    """Return the name of an axis at some place along the robot."""
-    return next(name for name, at in _axes_by_name(robot).items() if at == place)
 
 
 def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
@@ -285,27 +285,38 @@ def check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> 
         )
 
 
-def check_rates(topic: str, names: Sequence[str], values: Array, limit: float) -> None:
-    """Raise if a rate is not finite or beyond a limit [rad/s]; shape (..., joints)."""
+def check_rates(topic: str, names: Sequence[str], values: Array, limits: JointLimits) -> None:
+    """Raise if a rate is not finite or beyond its limit [rad/s]; shape (..., joints)."""
     check_finite(topic, 'velocity', names, values)
-    if np.abs(values).max() > limit:
-        worst = int(np.abs(values).argmax())
+    excess = np.abs(values) - limits.rate
+    if excess.max() > 0.0:
+        worst = int(excess.argmax())
+        k = worst % len(names)
         raise RejectedCommand(
             'velocity range',
-            f'{topic}: velocity of {names[worst % len(names)]} must be within +-{limit:.4g} '
+            f'{topic}: velocity of {names[k]} must be within +-{limits.rate[k]:.4g} '
             f'rad/s, got {values.flat[worst]:.4g} rad/s',
         )
 
 
-def clamped_to(topic: str, names: Sequence[str], angle: Array, limit: float) -> tuple[Array, str]:
-    """Return angles within the limit, shape (..., joints), and a sentence about the largest."""
-    if np.abs(angle).max() <= limit:
+def clamped_to(
+    topic: str, names: Sequence[str], angle: Array, limits: JointLimits
+) -> tuple[Array, str]:
+    """Return angles within the limits, shape (..., joints), and a sentence about the furthest."""
+    excess = excess_of(angle, limits)
+    worst = int(excess.argmax())
+    if excess.flat[worst] <= 0.0:
         return angle, ''
-    worst = int(np.abs(angle).argmax())
-    return np.clip(angle, -limit, limit), (
-        f'{topic}: position of {names[worst % len(names)]} is clamped to the joint limit, '
-        f'+-{limit:.4g} rad; got {angle.flat[worst]:.4g} rad'
+    k = worst % len(names)
+    return np.clip(angle, limits.low, limits.high), (
+        f'{topic}: position of {names[k]} is clamped to the joint limit, '
+        f'{range_text(limits.low[k], limits.high[k])}; got {angle.flat[worst]:.4g} rad'
     )
+
+
+def excess_of(angle: Array, limits: JointLimits) -> Array:
+    """Return how far angles are beyond the limits of their axes, the last ones of a shape."""
+    return np.maximum(angle - limits.high, limits.low - angle)
 
 
 # ---- trajectories -------------------------------------------------------------------------------
@@ -340,8 +351,8 @@ class ReadTrajectory:
     pieces : ndarray, shape (points, 4, k)
         Coefficients of the motion to each point, as in `Motion`. The one to a first point, which
         depends on where the joints are, is filled when they are known.
-    reach, speed : ndarray, shape (points-1, k)
-        Largest magnitudes of angle [rad] and rate [rad/s] on the way to each point but the first.
+    extremes : tuple of ndarray, shape (points-1, k)
+        Those of `Motion` on the way to each point but the first.
     clamped : str
         The sentence about an angle beyond the joint limit; empty if there is none.
     moves_pitch : bool
@@ -356,8 +367,7 @@ class ReadTrajectory:
     angle: Array
     rate: Array | None
     pieces: Array
-    reach: Array
-    speed: Array
+    extremes: tuple[Array, Array, Array]
     clamped: str
     moves_pitch: bool
 
@@ -367,20 +377,21 @@ def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
     names = list(message.joint_names)
     axes = axes_of(TOPIC, names, robot)
     times, angle, rate = _points(message)
-    _check_points(names, times, angle, rate, robot)
-    angle, clamped = clamped_to(TOPIC, names, angle, robot.joint_limit)
+    limits = robot.limits_of_axes(axes)
+    _check_points(names, times, angle, rate, limits)
+    angle, clamped = clamped_to(TOPIC, names, angle, limits)
     signs = robot.place_signs[axes]
     angle, rate = signs * angle, None if rate is None else signs * rate
     pieces = np.zeros((len(times), 4, len(axes)))
-    reach = speed = np.empty((0, len(axes)))
+    extremes = (np.empty((0, len(axes))),) * 3
     if len(times) > 1:
         motion = motion_through(axes, times, angle, rate)
-        pieces[1:], (reach, speed) = motion.coefficients, motion.extremes()
+        pieces[1:], extremes = motion.coefficients, motion.extremes()
     moves = (angle,) if rate is None else (angle, rate)
     moves_pitch = any(values[:, axes % 2 == 1].any() for values in moves)
     return ReadTrajectory(
         *(names, seconds_from(message.header.stamp), axes, times, angle, rate),
-        *(pieces, reach, speed, clamped, moves_pitch),
+        *(pieces, extremes, clamped, moves_pitch),
     )
 
 
@@ -408,20 +419,19 @@ def joint_trajectory(
     begin, times = _in_simulated_time(message, last, now)
     first = int(np.searchsorted(times, begin))
     if times[first] > begin:
-        start = last.sample(np.array([begin]), horizon, robot.joint_limit)
+        start = last.sample(np.array([begin]), horizon, robot.limits)
         start_angle, start_rate = (part.reshape(-1)[axes] for part in start)
-        way, jump = _way_to(
-            message, first, (begin, start_angle, start_rate), times[first], robot.joint_rate_limit
-        )
-        swing = _check_pieces(message.names, times[first:], *way.extremes(), robot)
+        limit = robot.limits.rate.flat[axes]
+        way, jump = _way_to(message, first, (begin, start_angle, start_rate), times[first], limit)
+        swing = _check_pieces(message, times[first:], way.extremes(), robot)
         pieces[first] = way.coefficients[0]
         motion = Motion(axes, np.insert(times[first:], 0, begin), pieces[first:])
     elif first + 1 == len(times):
         motion = motion_through(axes, times[first:], message.angle[first:], None)
     else:
         motion = Motion(axes, times[first:], pieces[first + 1 :])
-    reach, speed = message.reach[first:], message.speed[first:]
-    swing = _check_pieces(message.names, times[first + 1 :], reach, speed, robot) or swing
+    rest = [each[first:] for each in message.extremes]
+    swing = _check_pieces(message, times[first + 1 :], rest, robot) or swing
     found = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
     return ReceivedTrajectory(*found, motion=motion)
 
@@ -453,7 +463,7 @@ def _points(message: JointTrajectory) -> tuple[Array, Array, Array | None]:
 
 
 def _check_points(
-    names: Sequence[str], times: Array, angle: Array, rate: Array | None, robot: Robot
+    names: Sequence[str], times: Array, angle: Array, rate: Array | None, limits: JointLimits
 ) -> None:
     """Raise if the points of a trajectory are not usable."""
     steps = np.diff(times, prepend=0.0)
@@ -468,7 +478,7 @@ def _check_points(
         )
     check_finite(TOPIC, 'position', names, angle)
     if rate is not None:
-        check_rates(TOPIC, names, rate, robot.joint_rate_limit)
+        check_rates(TOPIC, names, rate, limits)
         if rate[-1].any():
             worst = int(np.abs(rate[-1]).argmax())
             raise RejectedCommand(
@@ -508,7 +518,7 @@ def _way_to(
     first: int,
     start: tuple[float, Array, Array],
     end: float,
-    limit: float,
+    limit: Array,
 ) -> tuple[Motion, str]:
     """
     Return the motion from the present place of the joints to a point of a trajectory.
@@ -524,8 +534,8 @@ def _way_to(
         Time at which the trajectory begins [s], angle [rad] and rate [rad/s] there, shape (k,).
     end : float
         Time of the point [s].
-    limit : float
-        Largest rate [rad/s].
+    limit : ndarray, shape (k,)
+        Largest rates [rad/s].
 
     Returns
     -------
@@ -539,7 +549,7 @@ def _way_to(
     angle = np.array([start_angle, message.angle[first]])
     rate = None if message.rate is None else np.array([start_rate, message.rate[first]])
     way = motion_through(message.axes, times, angle, rate)
-    (needed,) = way.extremes()[1]
+    (needed,) = way.extremes()[2]
     too_fast = needed > limit + ROUNDING
     if not too_fast.any():
         return way, ''
@@ -550,31 +560,30 @@ def _way_to(
     return motion_through(message.axes, times, angle, rate), jump
 
 
-def _jump_sentence(names: Sequence[str], angle: Array, rate: Array, limit: float) -> str:
-    """Return a sentence about the worst jump: angle (2, k) [rad], rate (k,) [rad/s]."""
-    worst = int(rate.argmax())
+def _jump_sentence(names: Sequence[str], angle: Array, rate: Array, limit: Array) -> str:
+    """Return a sentence about the worst jump: angle (2, k) [rad], rate and limit (k,) [rad/s]."""
+    worst = int((rate / limit).argmax())
     start, first = angle[:, worst].tolist()
     return (
         f'{TOPIC}: {names[worst]} jumps from {start:.4g} rad to its first point, {first:.4g} rad; '
-        f'{rate[worst]:.4g} rad/s would be needed, at most {limit:.4g} rad/s; it is led there at '
-        f'that rate'
+        f'{rate[worst]:.4g} rad/s would be needed, at most {limit[worst]:.4g} rad/s; it is led '
+        f'there at that rate'
     )
 
 
 def _check_pieces(
-    names: Sequence[str], ends: Array, angle: Array, rate: Array, robot: Robot
+    message: ReadTrajectory, ends: Array, extremes: Sequence[Array], robot: Robot
 ) -> str:
     """
     Raise if a joint would move faster than its limit, between points as well as at them.
 
     Parameters
     ----------
-    names : sequence of str
-        Names of the joints.
+    message : ReadTrajectory
     ends : ndarray
         When each piece ends [s].
-    angle, rate : ndarray, shape (pieces, k)
-        Largest magnitudes in each piece [rad], [rad/s].
+    extremes : sequence of ndarray, shape (pieces, k)
+        Those of `Motion` in each piece.
     robot : Robot
 
     Returns
@@ -583,18 +592,31 @@ def _check_pieces(
         A sentence about a joint that exceeds its limit between two points; empty if none does.
 
     """
-    if rate.max(initial=0.0) > robot.joint_rate_limit + ROUNDING:
-        piece, worst = np.unravel_index(int(rate.argmax()), rate.shape)
+    names, axes = message.names, message.axes
+    low, high, rate = (each.flat[axes] for each in robot.limits)
+    least, largest, fastest = extremes
+    piece, k = _worst(fastest - rate)
+    if k is not None:
         raise RejectedCommand(
             'velocity range',
-            f'{TOPIC}: {names[int(worst)]} would move at {rate[piece, worst]:.4g} rad/s until '
-            f't = {ends[piece]:.4f} s; at most {robot.joint_rate_limit:.4g} rad/s',
+            f'{TOPIC}: {names[k]} would move at {fastest[piece, k]:.4g} rad/s until '
+            f't = {ends[piece]:.4f} s; at most {rate[k]:.4g} rad/s',
         )
-    if angle.max(initial=0.0) <= robot.joint_limit + ROUNDING:
+    piece, k = _worst(np.maximum(low - least, largest - high))
+    if k is None:
         return ''
-    piece, worst = np.unravel_index(int(angle.argmax()), angle.shape)
+    (lower,), (upper,), _ = robot.limits_of_axes(axes[[k]])
+    is_low = low[k] - least[piece, k] > largest[piece, k] - high[k]
+    reached = robot.place_signs[axes[k]] * (least if is_low else largest)[piece, k]
     return (
-        f'{TOPIC}: {names[int(worst)]} is clamped to the joint limit, +-{robot.joint_limit:.4g} '
-        f'rad; it would swing to {angle[piece, worst]:.4g} rad until '
-        f't = {ends[piece]:.4f} s'
+        f'{TOPIC}: {names[k]} is clamped to the joint limit, {range_text(lower, upper)}; it would '
+        f'swing to {reached:.4g} rad until t = {ends[piece]:.4f} s'
     )
+
+
+def _worst(excess: Array) -> tuple[int, int | None]:
+    """Return the piece and the joint of the largest excess (pieces, k); None without one."""
+    if excess.max(initial=0.0) <= ROUNDING:
+        return 0, None
+    piece, k = np.unravel_index(int(excess.argmax()), excess.shape)
+    return int(piece), int(k)

@@ -26,12 +26,16 @@ from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, q
 from snake_sim_ros.scene.gait import Numbers
 
 Array = NDArray[Any]
+PerAxis = float | Numbers
 SAME = 1e-12  # directions and lengths that differ by less are the same [1], [m]
 SQUARE = 1e-9  # largest cosine between two axes at right angles
 NOWHERE = (0.0, 0.0, 0.0)
 UPRIGHT = 0.9  # cosine between z and links that counts as links along z
 CENTER = '_center'  # after the name of a link: that of the frame at its center of mass
 YAW_SHARE = 0.1  # least part of an axis along e_y by which it may count as the yaw of a joint
+# Angles are regular below 180 degrees, whether a joint has one axis or two; there they jump to
+# -180. So much may a joint turn, with 8 degrees for what a controller swings beyond [rad].
+LARGEST_ANGLE = 3.0
 
 
 # ---- records ------------------------------------------------------------------------------------
@@ -144,6 +148,23 @@ class Joint(CheckedRecord):
     backward: bool = quantity(
         False, '', 'whether it puts this link in the next one, which is then the one before'
     )
+    lower: PerAxis | None = quantity(
+        None,
+        'rad',
+        'least angle of both axes or of each; default: -joint_limit of the robot',
+        minimum=-LARGEST_ANGLE,
+        maximum=LARGEST_ANGLE,
+    )
+    upper: PerAxis | None = quantity(
+        None,
+        'rad',
+        'largest angle, likewise; default: joint_limit',
+        minimum=-LARGEST_ANGLE,
+        maximum=LARGEST_ANGLE,
+    )
+    rate: PerAxis | None = quantity(
+        None, 'rad/s', 'largest rate, likewise; default: joint_rate_limit', above=0
+    )
 
     def __post_init__(self) -> None:
         """Check every field, and that the axes are directions at right angles."""
@@ -161,6 +182,13 @@ class Joint(CheckedRecord):
                     f'axis and second_axis of {name} must be at right angles, got an angle of '
                     f'{math.degrees(math.acos(min(1.0, abs(cosine)))):.4g} degrees'
                 )
+        for field in ('lower', 'upper', 'rate'):
+            value = getattr(self, field)
+            if isinstance(value, tuple) and len(value) != len(axes):
+                raise ParameterError(
+                    f'{field} of {name} must be one number or one for each of its {len(axes)} '
+                    f'axes, got {len(value)} numbers'
+                )
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -168,6 +196,21 @@ class Joint(CheckedRecord):
         if self.second_axis is None:
             return (self.name,)
         return self.name, self.second_name or f'{self.name}_2'
+
+    def limits(self, limit: float, rate: float) -> tuple[Array, Array, Array]:
+        """
+        Return least angle, largest angle and largest rate of its axes, each of shape (axes,).
+
+        Parameters
+        ----------
+        limit, rate : float
+            Those of all axes of the robot, which those of an axis do not exceed [rad], [rad/s].
+
+        """
+        count = len(self.axis_names)
+        own = ((self.lower, -limit), (self.upper, limit), (self.rate, rate))
+        low, high, most = (np.full(count, d if v is None else v, dtype=float) for v, d in own)
+        return np.maximum(low, -limit), np.minimum(high, limit), np.minimum(most, rate)
 
 
 def _check_lengths(record: Any, **lengths: int) -> None:
@@ -200,6 +243,14 @@ class JointPlaces(NamedTuple):
     present: Array  # (n-1, 2) 1 for an axis, 0 for one that a joint does not have
     complete: bool  # whether all joints have two axes
     straight: bool  # whether all joints are on the axes e_z of their links
+
+
+class JointLimits(NamedTuple):
+    """Limits of the axes (yaw, pitch) of the joints, with the signs that the model has."""
+
+    low: Array  # (n-1, 2) least angle [rad]
+    high: Array  # (n-1, 2) largest angle [rad]
+    rate: Array  # (n-1, 2) largest rate [rad/s]
 
 
 class Spheres(NamedTuple):

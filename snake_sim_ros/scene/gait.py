@@ -162,18 +162,19 @@ class Table(CheckedRecord):
         shape = (*t.shape, self.joint_count, 2)
         return angle(inside).reshape(shape), (moves[..., None] * rate(inside)).reshape(shape)
 
-    def largest(self) -> tuple[Array, Array]:
-        """Return the largest magnitudes of angles [rad] and rates [rad/s], shape (n-1, 2) each."""
+    def extremes(self) -> tuple[Array, Array, Array]:
+        """Return least and largest angles [rad] and fastest rates [rad/s], shape (n-1, 2) each."""
         rows = np.arange(len(self.time) * BETWEEN - BETWEEN + 1) / BETWEEN
         places = np.interp(rows, np.arange(len(self.time)), self.time)
         angle, rate = (function(places) for function in _spline(self))
-        shape = (self.joint_count, 2)
-        return np.abs(angle).max(axis=0).reshape(shape), np.abs(rate).max(axis=0).reshape(shape)
+        found = angle.min(axis=0), angle.max(axis=0), np.abs(rate).max(axis=0)
+        least, largest, fastest = (each.reshape(self.joint_count, 2) for each in found)
+        return least, largest, fastest
 
     def angular_frequency(self) -> float:
         """Return largest rate over largest amplitude, that of a sine wave [rad/s]; 0 at rest."""
         amplitude = float(np.ptp(self.angle, axis=0).max()) / 2
-        return float(self.largest()[1].max()) / amplitude if amplitude else 0.0
+        return float(self.extremes()[2].max()) / amplitude if amplitude else 0.0
 
     def _check_rows(self, name: str, rows: tuple[Numbers, ...]) -> None:
         """Raise an error unless there is a row for each time, with all joints."""

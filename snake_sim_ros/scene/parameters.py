@@ -31,7 +31,10 @@ from snake_sim_ros.scene.chain import (
     chain_of_equal_links,
     chain_of_links,
     Joint,
+    JointLimits,
+    LARGEST_ANGLE,
     Link,
+    PerAxis,
 )
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
@@ -259,29 +262,29 @@ class Start(CheckedRecord):
         if len(self.position) != 2:
             raise ParameterError(f'position must have 2 components, got {len(self.position)}')
 
-    def check(self, joint_count: int, joint_limit: float) -> None:
+    def check(self, robot: 'Robot') -> None:
         """
         Check that the joints of a robot can have the angles.
 
         Raises
         ------
         ParameterError
-            If they are not one number or one for each joint, or beyond the joint limit [rad].
+            If they are not one number or one for each joint, or beyond the limits of a joint.
 
         """
-        for name, angle in (('yaw', self.yaw), ('pitch', self.pitch)):
+        joint_count = robot.link_count - 1
+        for k, (name, angle) in enumerate((('yaw', self.yaw), ('pitch', self.pitch))):
             if isinstance(angle, tuple) and len(angle) != joint_count:
                 raise ParameterError(
                     f'start.{name} must be one number or one for each of the {joint_count} '
                     f'joints, got {len(angle)} numbers'
                 )
-            angles = angle if isinstance(angle, tuple) else (angle or 0.0,)
-            largest = max(angles, key=abs, default=0.0)
-            if abs(largest) > joint_limit:
-                degrees = f'; for degrees say start.{name}_deg' if abs(largest) > math.pi else ''
+            angles = np.broadcast_to(0.0 if angle is None else angle, joint_count)
+            if angle is not None and joint_count and (beyond := robot.beyond(k, angles, angles)):
+                j, limit = beyond
+                degrees = f'; for degrees say start.{name}_deg' if abs(angles[j]) > math.pi else ''
                 raise ParameterError(
-                    f'start.{name} must be within the joint limit, +-{joint_limit:.4g} rad, got '
-                    f'{largest:.4g} rad{degrees}'
+                    f'start.{name} must be within {limit}, got {angles[j]:.4g} rad{degrees}'
                 )
 
 
@@ -358,9 +361,9 @@ class Robot(CheckedRecord):
         10.0, 'rad/s', 'largest joint reference rate accepted (assumption)', above=0
     )
     joint_limit: float = quantity(
-        math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=math.pi / 2
+        math.pi / 4, 'rad', 'largest joint reference accepted', above=0, maximum=LARGEST_ANGLE
     )
-    joint_stop: bool = quantity(False, '', 'whether joints have a hard stop at joint_limit')
+    joint_stop: bool = quantity(False, '', 'whether joints have a hard stop at their limits')
     rate_stop: bool = quantity(False, '', 'whether joint rates are limited to joint_rate_limit')
     yaw_torque_limit: PerJoint | None = quantity(
         None, 'N m', 'largest torque of the horizontal controller (none = unlimited)', minimum=0
@@ -368,8 +371,8 @@ class Robot(CheckedRecord):
     pitch_torque_limit: PerJoint | None = quantity(
         None, 'N m', 'largest torque of the vertical controller (none = unlimited)', minimum=0
     )
-    joint_friction: PerJoint = quantity(
-        0.0, 'N m', 'Coulomb friction of both axes of a joint (assumption: none)', minimum=0
+    joint_friction: PerAxis = quantity(
+        0.0, 'N m', 'Coulomb friction of joints or of each axis (assumption: none)', minimum=0
     )
     control_rate: float = quantity(
         0.0, 'Hz', 'rate at which controllers sample their encoders (0 = continuously)', minimum=0
@@ -393,8 +396,8 @@ class Robot(CheckedRecord):
     effort_commands: bool = quantity(
         False, '', 'whether commands may carry torques in addition to angles and rates'
     )
-    joint_viscous_friction: PerJoint = quantity(
-        0.0, 'N m s/rad', 'viscous friction of both axes (assumption: none)', minimum=0
+    joint_viscous_friction: PerAxis = quantity(
+        0.0, 'N m s/rad', 'viscous friction, likewise (assumption: none)', minimum=0
     )
     links: tuple[Link, ...] = quantity(
         (), '', 'the links one by one, if they are not given by the numbers above'
@@ -416,7 +419,11 @@ class Robot(CheckedRecord):
             count, parts = self.link_count, 'links'
             if item.name.endswith(('_stiffness', '_damping', '_torque_limit', '_friction')):
                 count, parts = self.link_count - 1, 'joints'
-            if isinstance(value, tuple) and len(value) != count:
+            counts = {count}
+            if item.name.endswith('_friction') and isinstance(value, tuple):
+                counts.add(len(self.axis_names))
+                parts = f'joints or {len(self.axis_names)} axes'
+            if isinstance(value, tuple) and len(value) not in counts:
                 raise ParameterError(
                     f'{item.name} must be one number or one for each of the {count} {parts}, '
                     f'got {len(value)} numbers'
@@ -462,6 +469,14 @@ class Robot(CheckedRecord):
             )
         if not any(link.shapes for link in self.links):
             raise ParameterError('a link must have shapes to lie on: all links have none')
+        for joint in self.joints:
+            low, high, _ = joint.limits(self.joint_limit, self.joint_rate_limit)
+            for name, least, most in zip(joint.axis_names, low, high, strict=True):
+                if not least < most:
+                    raise ParameterError(
+                        f'lower of {name or "a joint"} must be below upper, both within '
+                        f'joint_limit, got {least:.4g} and {most:.4g} rad'
+                    )
         _ = self.chain
 
     @cached_property
@@ -516,13 +531,70 @@ class Robot(CheckedRecord):
         Its name is stiffness, damping, torque_limit, friction or viscous_friction. For an axis
         that a joint does not have it is 0, its torque limit infinite.
         """
-        both = ('joint', 'joint') if name.endswith('friction') else ('yaw', 'pitch')
-        count = self.link_count - 1
-        values = np.column_stack([self._each(f'{axis}_{name}', count) for axis in both])
+        count, axes = self.link_count - 1, self.chain.axes
+        if name.endswith('friction'):
+            each = getattr(self, f'joint_{name}')
+            values = np.zeros((count, 2))
+            if isinstance(each, tuple) and len(each) == len(axes):
+                values[axes[:, 0], axes[:, 1]] = each
+            else:
+                values.T[:] = each
+        else:
+            values = np.column_stack([self._each(f'{k}_{name}', count) for k in ('yaw', 'pitch')])
         if self.links:
             none = math.inf if name == 'torque_limit' else 0.0
             values[self.chain.places.present == 0.0] = none
         return values
+
+    @cached_property
+    def limits(self) -> JointLimits:
+        """Limits of all axes; an axis without its own has those of the robot."""
+        shape = (self.link_count - 1, 2)
+        limit, rate = self.joint_limit, self.joint_rate_limit
+        found = JointLimits(*(np.full(shape, value) for value in (-limit, limit, rate)))
+        if self.joints:
+            own = [joint.limits(limit, rate) for joint in self.joints]
+            low, high, most = (np.concatenate(each) for each in zip(*own, strict=True))
+            (joint, slot), turned = self.chain.axes.T, self.chain.signs < 0.0
+            found.low[joint, slot] = np.where(turned, -high, low)
+            found.high[joint, slot] = np.where(turned, -low, high)
+            found.rate[joint, slot] = most
+        return found
+
+    def limits_of_axes(self, places: Array) -> JointLimits:
+        """Return the limits of axes at some `axis_places`, with their own signs, shape (k,)."""
+        low, high, rate = (each.reshape(-1)[places] for each in self.limits)
+        turned = self.place_signs[places] < 0.0
+        return JointLimits(np.where(turned, -high, low), np.where(turned, -low, high), rate)
+
+    def beyond(self, slot: int, least: Array, largest: Array) -> tuple[int, str] | None:
+        """
+        Return the joint whose angles are furthest beyond its limits, and a text about these.
+
+        Parameters
+        ----------
+        slot : int
+            0 for the yaw axes, 1 for the pitch axes.
+        least, largest : ndarray, shape (n-1,)
+            Angles that the joints have, with the signs of the model [rad].
+
+        """
+        low, high = self.limits.low[:, slot], self.limits.high[:, slot]
+        excess = np.maximum(low - least, largest - high)
+        j = int(excess.argmax())
+        if not excess[j] > 0.0:
+            return None
+        if (high == self.joint_limit).all() and (low == -self.joint_limit).all():
+            return j, f'the joint limit, {range_text(low[j], high[j])}'
+        name = self.name_of_axis(2 * j + slot)
+        return j, f'the joint limit of {name}, {range_text(low[j], high[j])}'
+
+    def name_of_axis(self, place: int) -> str:
+        """Return the name of the axis at one of `axis_places`; an absent one has that of Aiko."""
+        for at, name in zip(self.axis_places, self.axis_names, strict=True):
+            if at == place:
+                return name
+        return f'joint_{place // 2 + 1}_{("yaw", "pitch")[place % 2]}'
 
     def _each(self, name: str, count: int) -> Array:
         """Return the quantity `name` of every link or every joint, shape (count,)."""
@@ -609,6 +681,11 @@ class Robot(CheckedRecord):
     def middle_link(self) -> int:
         """Index of the middle link: 5 for Aiko, the paper's link 6."""
         return self.link_count // 2
+
+
+def range_text(low: float, high: float) -> str:
+    """Return a range of angles [rad] as text."""
+    return f'+-{high:.4g} rad' if low == -high else f'{low:.4g} to {high:.4g} rad'
 
 
 @lru_cache(maxsize=64)
@@ -722,7 +799,7 @@ class Scene(CheckedRecord):
             raise ParameterError(
                 f'gait.table must have the {joints} joints of the robot, got {given} joints'
             )
-        self.start.check(joints, self.robot.joint_limit)
+        self.start.check(self.robot)
         for push in self.pushes:
             if push.link and push.link > joints + 1:
                 raise ParameterError(f'link of a push must be 1 to {joints + 1}, got {push.link}')

@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from snake_sim_ros.scene.chain import angles_of, FixedFrame, Shape
-from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError
+from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, MOST, ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.urdf import robot_of_urdf
 from snake_sim_ros.scene.urdf_elements import EXTENSION
@@ -296,12 +296,14 @@ def _join(
 
 
 def _limits(robot: Robot, j: int, axis: str) -> dict[str, float]:
-    """Return the limits of an axis of joint j [rad], [rad/s], [N m]."""
-    angle, rate = robot.joint_limit, robot.joint_rate_limit
+    """Return the limits of an axis of joint j [rad], [rad/s], [N m], with its own sign."""
     k = list(AXES).index(axis)
+    low, high, rate = (float(x) for (x,) in robot.limits_of_axes(np.array([2 * j + k])))
     stiffness, damping = (robot.per_joint(name)[j, k] for name in ('stiffness', 'damping'))
-    effort = min(2 * (stiffness * angle + damping * rate), robot.per_joint('torque_limit')[j, k])
-    return {'lower': -angle, 'upper': angle, 'velocity': rate, 'effort': effort}
+    effort = robot.per_joint('torque_limit')[j, k]
+    if effort >= MOST:
+        effort = stiffness * (high - low) + damping * (rate + rate)
+    return {'lower': low, 'upper': high, 'velocity': rate, 'effort': effort}
 
 
 def element(parent: ElementTree.Element, tag: str, /, **attributes: Any) -> ElementTree.Element:

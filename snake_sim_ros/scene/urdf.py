@@ -9,6 +9,7 @@ axes of them. The root is anywhere in the chain: joints from there toward link 1
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from snake_sim_ros.scene.chain import (
     CENTER,
     FixedFrame,
     Joint,
+    LARGEST_ANGLE,
     Link,
     Mesh,
     SQUARE,
@@ -43,7 +45,6 @@ TOUCHING = 1e-9  # axes that are nearer to each other meet [m]
 LIGHT = 1e-5  # of the mass of a neighbor: frames have some where a program wants all to have it
 TOO_FAR = 2.0  # times the distance within which the shapes of a link are, that of its mass
 DENSEST = 22_600.0  # osmium [kg/m^3]
-LARGEST_ANGLE = math.pi / 2  # that the joints of a robot may have as limit [rad]
 NAMED = 3  # of many links or joints, that a sentence names
 
 
@@ -97,8 +98,8 @@ def robot_of_urdf(
     """
     Return what a URDF settles of a robot.
 
-    The robot has one limit of angles and one of rates, the largest ones of its joints. Torque
-    limits and friction are lists with one number for each joint.
+    The robot has the largest limits of angle and rate of its axes, an axis those in which it
+    differs. Torque limits and friction are lists with one number for each joint.
 
     Parameters
     ----------
@@ -149,8 +150,7 @@ def robot_of_urdf(
         links = tuple(bodies.link(rigid) for rigid in chain)
         values = {
             'links': links,
-            'joints': tuple(joint for joint, _ in joints),
-            **limits_of([axes for _, axes in joints], remarks),
+            **limits_of(joints, remarks),
         }
     except ParameterError as error:
         raise ParameterError(f'{cut(name, LONGEST_PATH)}: {error}') from None
@@ -379,36 +379,53 @@ def inverse(pose: Array) -> Array:
     return back
 
 
-def limits_of(joints: list[tuple[Hinge, ...]], remarks: list[str]) -> dict[str, Any]:
-    """Return limits and friction of joints with one axis or two."""
-    hinges = [hinge for axes in joints for hinge in axes]
+def limits_of(joints: Joints, remarks: list[str]) -> dict[str, Any]:
+    """
+    Return the joints of a robot with the limits of their axes, and the friction of these.
+
+    The robot has the largest limits of all its axes, an axis those in which it differs.
+    """
+    hinges = [hinge for _, axes in joints for hinge in axes]
     if not hinges:
-        return {}
+        return {'joints': ()}
     limit = min(max(abs(angle) for hinge in hinges for angle in hinge.range), LARGEST_ANGLE)
     rate = max(hinge.rate for hinge in hinges)
-    values: dict[str, Any] = {'joint_limit': limit}
+    values: dict[str, Any] = {
+        'joints': tuple(limited(joint, axes, limit, rate) for joint, axes in joints),
+        'joint_limit': limit,
+    }
     if rate:
         values['joint_rate_limit'] = rate
     if any(hinge.effort for hinge in hinges):
         for name, axis in (('yaw', 0), ('pitch', -1)):
-            values[f'{name}_torque_limit'] = tuple(axes[axis].effort or MOST for axes in joints)
-    values['joint_friction'] = tuple(max(each.friction for each in axes) for axes in joints)
-    values['joint_viscous_friction'] = tuple(max(each.damping for each in axes) for axes in joints)
-    others = [hinge for hinge in hinges if hinge.range != (-limit, limit)]
-    slower = [hinge for hinge in hinges if hinge.rate != rate]
-    uneven = [axes for axes in joints if len({(each.friction, each.damping) for each in axes}) > 1]
-    if others:
+            values[f'{name}_torque_limit'] = tuple(axes[axis].effort or MOST for _, axes in joints)
+    values['joint_friction'] = tuple(hinge.friction for hinge in hinges)
+    values['joint_viscous_friction'] = tuple(hinge.damping for hinge in hinges)
+    wider = [hinge for hinge in hinges if max(map(abs, hinge.range)) > LARGEST_ANGLE]
+    if wider:
         found = some(
-            f'{each.range[0]:g} to {each.range[1]:g} of {cut(each.name)}' for each in others
+            f'{each.range[0]:g} to {each.range[1]:g} of {cut(each.name)}' for each in wider
         )
-        remarks.append(f'joint_limit is +-{limit:g} rad for all joints, not {found}')
-    if slower:
-        found = some(f'{each.rate:g} of {cut(each.name)}' for each in slower)
-        remarks.append(f'joint_rate_limit is {rate:g} rad/s for all joints, not {found}')
-    if uneven:
-        found = some(' and '.join(cut(each.name) for each in axes) for axes in uneven)
-        remarks.append(f'both axes of a joint have the larger friction of {found}')
+        remarks.append(f'joints turn by up to {LARGEST_ANGLE:g} rad to a side, not {found}')
     return values
+
+
+def limited(joint: Joint, axes: tuple[Hinge, ...], limit: float, rate: float) -> Joint:
+    """Return a joint with limits of its axes where they are not those of the robot."""
+    low = [max(axis.range[0], -limit) for axis in axes]
+    high = [min(axis.range[1], limit) for axis in axes]
+    rates = [axis.rate or rate for axis in axes]
+    for axis, least, most in zip(axes, low, high, strict=True):
+        if not least < most:
+            raise ParameterError(
+                f'joint {cut(axis.name)} must turn within +-{LARGEST_ANGLE:g} rad, got angles of '
+                f'{axis.range[0]:g} to {axis.range[1]:g} rad'
+            )
+    own = (('lower', low, -limit), ('upper', high, limit), ('rate', rates, rate))
+    differing: dict[str, Any] = {
+        name: tuple(each) for name, each, default in own if {*each} != {default}
+    }
+    return replace(joint, **differing)
 
 
 # ---- masses and shapes --------------------------------------------------------------------------

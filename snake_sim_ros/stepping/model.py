@@ -120,7 +120,7 @@ def make_workspace(scene: Scene) -> Workspace:
         torque=zeros((n - 1, 2)),
         damping=zeros((n - 1, 2)),
         applied=zeros((n - 1, 2)),
-        axes=make_axis_laws(n),
+        axes=make_axis_laws(scene.robot),
         moving=zeros((n, 6)),
         chain=Chain(
             axis=zeros((n - 1, 2, 6)),

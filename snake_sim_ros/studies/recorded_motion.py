@@ -390,11 +390,11 @@ def references(
     moments = np.array([command.time for command in commands])
     places = np.searchsorted(times, moments)
     ends = np.append(places[1:], len(times))
-    parts = [reference.sample(times[: places[0]], horizon, robot.joint_limit)]
+    parts = [reference.sample(times[: places[0]], horizon, robot.limits)]
     for command, begin, end in zip(commands, places, ends, strict=True):
         reference = _after(command, reference, robot, horizon)
         if end > begin:
-            parts.append(reference.sample(times[begin:end], horizon, robot.joint_limit))
+            parts.append(reference.sample(times[begin:end], horizon, robot.limits))
             reference = reference.settled(float(times[end - 1]))
     angle, rate = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return angle, rate
@@ -402,12 +402,13 @@ def references(
 
 def _after(command: Command, last: JointReference, robot: Robot, horizon: float) -> JointReference:
     """Return the reference after a command; one that is not usable changes nothing."""
-    message, limit = command.message, robot.joint_limit
+    message, (low, high, _) = command.message, robot.limits
     if command.topic == 'position_commands':
         data = np.array(message.data, dtype=float)
         if len(data) != len(robot.axis_names) or not np.isfinite(data).all():
             return last
-        axes, angle = robot.axis_places, robot.axis_signs * np.clip(data, -limit, limit)
+        axes = robot.axis_places
+        angle = np.clip(robot.axis_signs * data, low.flat[axes], high.flat[axes])
         return last.commanded(axes, command.time, angle, np.zeros(len(angle)))
     if command.topic == 'joint_trajectory':
         return _with_trajectory(command, last, robot, horizon)
@@ -416,7 +417,7 @@ def _after(command: Command, last: JointReference, robot: Robot, horizon: float)
     axes = np.flatnonzero(np.isfinite(angle))
     if not len(axes) or command.time < last.stamp.flat[axes].max():
         return last
-    limited = np.clip(angle[axes], -limit, limit)
+    limited = np.clip(angle[axes], low.flat[axes], high.flat[axes])
     return last.commanded(axes, command.time, limited, np.nan_to_num(rate[axes]))
 
 
@@ -441,9 +442,9 @@ def _with_trajectory(
         rate = signs[axes] * np.array([point.velocities for point in rows])[:, columns]
     if not np.isfinite(angle).all() or (np.diff(times) <= 0.0).any():
         return last
-    start = last.sample(np.array([begin]), horizon, robot.joint_limit)
+    start = last.sample(np.array([begin]), horizon, robot.limits)
     here, speed = (part.reshape(1, -1)[:, axes] for part in start)
-    limited = np.clip(angle, -robot.joint_limit, robot.joint_limit)
+    limited = np.clip(angle, robot.limits.low.flat[axes], robot.limits.high.flat[axes])
     return last.moved(motion_through(
         axes, np.insert(times[times > begin], 0, begin), np.concatenate([here, limited]),
         None if rate is None else np.concatenate([speed, rate]),

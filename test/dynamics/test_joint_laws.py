@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 import re
 
-from hinges import AXES, DT, EVERY, floating, hinge, of_joint
+from hinges import AXES, balls, DT, EVERY, floating, hinge, INERTIA, of_joint
 import numpy as np
 from processes import python
 import pytest
@@ -15,7 +15,7 @@ import pytest
 from snake_sim_ros import Gait, ParameterError, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.parameters import load_scene, with_settings
-from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
+from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper, METHODS, what_is_not_planar
@@ -121,6 +121,107 @@ def test_a_stop_ends_the_motion_of_a_joint_without_bounce(method, axis, way):
     # What the links have come nearer to each other by is momentum along them, and none in all.
     assert np.abs(state.u[:, :3].sum(axis=0)).max() < 1e-12
     assert np.abs(state.u).max() < limit
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_stops_are_where_the_limits_of_the_axis_are(method, axis, sign):
+    # As above; an axis that points down or to the right turns the other way in the model. The last
+    # range does not have 0 in it: the joint starts at 0.1 rad.
+    rate = 2.0
+    for lower, upper, start in ((-0.02, 0.05, 0.0), (-0.05, 0.02, 0.0), (0.07, 0.2, 0.1)):
+        limits = {'lower': lower, 'upper': upper}
+        scene = balls(method, axis, sign=sign, limits=limits, joint_stop=True)
+        stepper, robot = make_stepper(scene), scene.robot
+        for way, stop in ((1.0, upper), (-1.0, lower)):
+            state = hinge(scene, axis, sign * way * rate)
+            bend = np.zeros((1, 2))
+            bend[0, AXES[axis]] = sign * start
+            state.q[:, 3:] = chain_coordinates(robot, bend)[:, 3:]
+            state, _ = steps(stepper, state, 60, sign * start, axis)
+            (angle,), (left,) = (
+                robot.by_axis(each)
+                for each in (joint_angles(state.q, robot), joint_rates(state.q, state.u, robot))
+            )
+            beyond = 1e-12 if method == 'bdf2' else rate * DT
+            assert -1e-12 <= way * (angle - stop) <= beyond
+            assert abs(left) < HELD
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_each_axis_of_a_joint_has_limits_of_its_own(method):
+    # Both axes are led to 1 rad: they go at their own rates, 0.5 and 0.25 rad/s, to the stops.
+    limits = {'lower': -0.1, 'upper': (0.02, 0.03), 'rate': (0.5, 0.25)}
+    stiff = {
+        'yaw_stiffness': 40.0,
+        'pitch_stiffness': 40.0,
+        'yaw_damping': 0.1,
+        'pitch_damping': 0.1,
+    }
+    scene = balls(method, 'yaw', 'pitch', limits=limits, joint_stop=True, rate_stop=True, **stiff)
+    stepper, ends = make_stepper(scene), []
+    state, history = hinge(scene, 'yaw', 0.0), stepper.empty_history()
+    for _ in range(2):
+        count = 30 if not ends else 120
+        state, history, _ = stepper.advance(
+            state, history, np.ones((count, 1, 2)), np.zeros((count, 1, 2))
+        )
+        ends.append(joint_angles(state.q, scene.robot)[0])
+    # Within the step in which the motion begins, and that of the stop.
+    assert ends[0] == pytest.approx([0.5 * 30 * DT, 0.25 * 30 * DT], abs=0.5 * DT)
+    beyond = 1e-9 if method == 'bdf2' else 0.5 * DT
+    assert ends[1] == pytest.approx([0.02, 0.03], abs=beyond)
+
+
+@pytest.mark.parametrize(('method', 'axis'), EVERY)
+def test_a_joint_turns_beyond_a_right_angle(method, axis):
+    # A spring K without a damper takes it from 0 to 149 degrees and back, twice:
+    # angle = A (1 - cos(w t)), w^2 = 2 K/INERTIA. The phase of the mean controller is off by
+    # (w h)^2/12 of w t, that of two steps backward by (w h)^2/3. Angles of a step are those of
+    # half tangents, off by (rate h)^2/12.
+    K, A, count = 2.0, 1.3, 200
+    scene = balls(method, axis, **{f'{axis}_stiffness': K})
+    w, t, stepper = np.sqrt(2 * K / INERTIA), DT * np.arange(1, count + 1), make_stepper(scene)
+    reference = np.zeros((1, 1, 2))
+    reference[0, 0, AXES[axis]] = A
+    state, history, path = hinge(scene, axis, 0.0), stepper.empty_history(), []
+    for _ in range(count):
+        state, history, report = stepper.advance(state, history, reference, np.zeros((1, 1, 2)))
+        path.append(of_joint(state, axis))
+        # A joint of one axis keeps it, as far as it turns.
+        assert max(report.joint_gap_max, report.joint_twist_max) < 1e-14
+    angle, rate = np.array(path).T
+    late = (w * DT) ** 2 / (3 if method == 'bdf2' else 12)
+    late += (A * w * DT) ** 2 / 12
+    assert np.degrees(angle.max()) == pytest.approx(149, abs=0.1)
+    assert np.abs(angle - A * (1 - np.cos(w * t))).max() < A * w * t[-1] * late
+    # Its energy is that of the spring; two steps backward take (w h)^4/2 of it in each step.
+    energy = (INERTIA / 4 * rate**2 + K / 2 * (angle - A) ** 2) / (K / 2 * A**2)
+    lost = count * (w * DT) ** 4 / 2 if method == 'bdf2' else 0.0
+    assert np.abs(energy - 1).max() < 1.1 * lost + (A * w * DT) ** 2 / 12
+
+
+@pytest.mark.parametrize(('method', 'order'), [('newton', 1), ('bdf2', 3)])
+@pytest.mark.parametrize('goal', [(2.6, -2.6), (np.pi / 2, np.pi / 2), (-2.9, 1.6)])
+def test_both_axes_of_a_joint_turn_beyond_a_right_angle(method, order, goal):
+    # The axes stay at right angles, so that no posture is singular. They are led there in 0.3 s.
+    # What moment of momentum the balls have then is an error of the step, of its order.
+    gains = {f'{axis}_stiffness': 2.0 for axis in AXES} | {
+        f'{axis}_damping': 0.05 for axis in AXES
+    }
+    scene, moments = balls(method, 'yaw', 'pitch', **gains), []
+    for dt in (DT, DT / 2):
+        count = round(0.6 / dt)
+        t = dt * (np.arange(count) + 0.5)[:, None, None]
+        stepper, start = make_stepper(replace(scene, dt=dt)), hinge(scene, 'yaw', 0.0)
+        angle, rate = np.minimum(t / 0.3, 1.0) * goal, (t < 0.3) / 0.3 * goal
+        state, _, report = stepper.advance(start, stepper.empty_history(), angle, rate)
+        assert not report.unconverged and not report.failure
+        # What is beside the reference falls with exp(-D/INERTIA t), by e^-15.
+        assert joint_angles(state.q, scene.robot)[0] == pytest.approx(goal, abs=1e-6)
+        spin = np.einsum('nij,nj->i', rotation_matrices(state.q[:, 3:]), state.u[:, 3:])
+        moments.append(float(np.linalg.norm(spin)))
+    assert np.log2(moments[0] / moments[1]) == pytest.approx(order, abs=0.1)
 
 
 @pytest.mark.parametrize(('method', 'axis'), EVERY)

@@ -257,7 +257,8 @@ def still():
 
 def sampled(reference, times):
     return [
-        part[:, JOINTS[0], JOINTS[1]] for part in reference.sample(np.array(times), HORIZON, LIMIT)
+        part[:, JOINTS[0], JOINTS[1]]
+        for part in reference.sample(np.array(times), HORIZON, ROBOT.limits)
     ]
 
 
@@ -269,7 +270,7 @@ def test_points_without_velocities_are_joined_by_lines(still):
     assert angle == pytest.approx(np.array(expected), abs=1e-12)
     assert rate[[1, 3, 5]] == pytest.approx(np.array([[0.2, -0.2], [0, 0.6], [0, 0]]), abs=1e-12)
     # The other joints keep their reference.
-    assert (reference.sample(np.array([NOW + 1.0]), HORIZON, LIMIT)[0][0, 4] == 0.1).all()
+    assert (reference.sample(np.array([NOW + 1.0]), HORIZON, ROBOT.limits)[0][0, 4] == 0.1).all()
 
 
 def test_points_with_velocities_are_joined_by_cubics(last):
@@ -444,7 +445,7 @@ def test_too_fast_a_way_to_the_first_point_is_a_jump(still, moving):
         f'joint_trajectory: joint_1_yaw jumps from {start:.4g} rad to its first point, 0.4 rad; '
     )
     times = np.linspace(NOW, NOW + 1.0, 101)
-    angle, rate = taken.reference.sample(times, HORIZON, LIMIT)
+    angle, rate = taken.reference.sample(times, HORIZON, ROBOT.limits)
     assert np.abs(rate).max() <= ROBOT.joint_rate_limit
     # The first joint is at its first point at once, or on a short swing that ends there.
     assert np.abs(angle[:3, 0, 0] - 0.4).max() < 4 / 27 * 0.5 * 0.02 + 1e-9
@@ -543,7 +544,7 @@ def test_sampling_is_compiled_once_for_commands_of_all_kinds(still):
     reference = taken_trajectory(YAW, (1.0, [0.0, 0.0], [0.0, 0.0]), last=reference)
     reference = joint_command(command(['joint_1_yaw']), reference, ROBOT, NOW).reference
     reference.settled(NOW + 0.1).settled(NOW + 2.0)
-    reference.sample(NOW + np.arange(5.0), HORIZON, np.inf)
+    reference.sample(NOW + np.arange(5.0), HORIZON, ROBOT.limits)
     for kernel in (sample_command, hold_at_limit, sample_motion):
         assert len(kernel.signatures) == 1
 
@@ -557,8 +558,8 @@ def test_settling_changes_nothing(still):
         settled = settled.settled(now)
         times = now + np.linspace(0.0, 0.05, 5)
         for part, expected in zip(
-            settled.sample(times, HORIZON, LIMIT),
-            reference.sample(times, HORIZON, LIMIT),
+            settled.sample(times, HORIZON, ROBOT.limits),
+            reference.sample(times, HORIZON, ROBOT.limits),
             strict=True,
         ):
             assert (part == expected).all()

@@ -489,7 +489,8 @@ def part(
     terms, contacts, dynamics = problem(scene, history, dt, angle, rate, takes_part, pushed)
     candidates = contacts
     of_joints, angle_A = make_joint_laws(scene.robot), history.memory.end.angle
-    stops = np.minimum(-of_joints.stop, angle_A), np.maximum(of_joints.stop, angle_A)
+    low, high = of_joints.stop[..., 0], of_joints.stop[..., 1]
+    stops = np.minimum(low, angle_A), np.maximum(high, angle_A)
     bounds = ((stop - terms.hat.angle) / terms.h_q for stop in stops)
     laws = dense_laws(of_joints, terms.h, dynamics.torque, dynamics.resistance, *bounds)
     (u_E, P, dynamics), joint_rate, torque, _, settled = solve_all(

@@ -52,7 +52,7 @@ def with_closed_gaps(
     loaded : ndarray, shape (k,)
         Mask of those that carry load. Others are closed if they are inside.
     q : ndarray, shape (n, 7)
-    furthest : ndarray, shape (n-1, 2)
+    furthest : ndarray, shape (n-1, 2, 2)
         Largest joint angles to either side.
 
     """

@@ -31,8 +31,8 @@ def without_drift(robot: Robot, q: Array, rule: str, furthest: Array) -> Array:
         Coordinates, with Euler parameters of any length.
     rule : str
         One of `parameters.DRIFT_CORRECTIONS`.
-    furthest : ndarray, shape (n-1, 2)
-        Largest joint angles to either side [rad]; see `furthest_angles`.
+    furthest : ndarray, shape (n-1, 2, 2)
+        Least and largest angles of the axes [rad]; see `furthest_angles`.
 
     Returns
     -------
@@ -66,20 +66,22 @@ def turn_back(robot: Robot, q: Array, i: int, furthest: Array) -> None:
     for k in range(2):
         inner, outer = posture.joint_frames(rotation_matrices(q[:, 3:]), robot)
         angle = float(posture.joint_angles(q, robot)[i, k])
-        if abs(angle) > furthest[i, k]:
-            half = (math.copysign(furthest[i, k], angle) - angle) / 2
+        if not furthest[i, k, 0] <= angle <= furthest[i, k, 1]:
+            half = (float(np.clip(angle, *furthest[i, k])) - angle) / 2
             turn = np.array(
                 [math.cos(half), *(math.sin(half) * (inner[i] @ E_Y, outer[i] @ E_X)[k])]
             )
             q[i + 1, 3:] = product(turn, q[i + 1, 3:])
 
 
-def furthest_angles(stop: float, start: Array, middle: Array) -> Array:
+def furthest_angles(stop: Array, start: Array, middle: Array) -> Array:
     """
-    Return the largest joint angles to either side after a step, infinite where no stop acts.
+    Return least and largest joint angles after a step, infinite where no stop acts (n-1, 2, 2).
 
-    An angle at its stop does not grow. A stop that is met between the start and the middle of a
-    step acts at the middle. All angles have the shape (n-1, 2) [rad].
+    An angle at its stop goes no further. A stop that is met between the start and the middle of a
+    step acts at the middle. Angles have the shape (n-1, 2), stops (n-1, 2, 2) [rad].
     """
-    at_stop = np.where(np.abs(start) >= stop, np.abs(start), np.abs(middle))
-    return np.where(np.abs(middle) >= stop, at_stop, np.inf)
+    low, high = stop[..., 0], stop[..., 1]
+    least = np.where(middle <= low, np.where(start <= low, start, middle), -np.inf)
+    most = np.where(middle >= high, np.where(start >= high, start, middle), np.inf)
+    return np.stack([least, most], axis=-1)

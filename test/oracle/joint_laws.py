@@ -31,7 +31,7 @@ class DenseLaws(NamedTuple):
     viscous: Array  # [N m s^2]
     low: Array  # [rad/s]
     high: Array  # [rad/s]
-    fastest: float  # bound of the rate at any angle [rad/s]
+    fastest: Array  # bound of the rate at any angle [rad/s]
 
     def controller(self, rate: Array) -> Array:
         """Return the impulses of the controllers at given rates [N m s]."""
@@ -77,10 +77,11 @@ def dense_laws(
     shape = low.shape
     numbers = h * laws.torque_limit, h * laws.friction, h * laws.viscous
     limit, friction, viscous = (each[:, : shape[1]] for each in numbers)
-    low, high = (np.clip(bound, -laws.fastest, laws.fastest) for bound in (low, high))
+    fastest = laws.fastest[:, : shape[1]]
+    low, high = (np.clip(bound, -fastest, fastest) for bound in (low, high))
     return DenseLaws(
         *(torque.reshape(shape), damping.reshape(shape), limit, friction, viscous),
-        *(low, high, laws.fastest),
+        *(low, high, fastest),
     )
 
 

@@ -291,8 +291,8 @@ class DenseStepper:
         q_M = middle_coordinates(state, dt)  # (72)
         torque, damping = joint_torque_law(scene, state, q_M, history.control, angle, rate)
         of_joints, angle_M = make_joint_laws(robot), posture.joint_angles(q_M, robot)
-        low = np.where(angle_M <= -of_joints.stop, 0.0, -np.inf)
-        high = np.where(angle_M >= of_joints.stop, 0.0, np.inf)
+        low = np.where(angle_M <= of_joints.stop[..., 0], 0.0, -np.inf)
+        high = np.where(angle_M >= of_joints.stop[..., 1], 0.0, np.inf)
         laws = dense_laws(of_joints, dt, dt * torque, dt * damping, low, high)
 
         first: Solution | None = None  # in which contacts land

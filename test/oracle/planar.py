@@ -275,9 +275,9 @@ class DenseLoop:
             for j in range(len(start))
         ]  # fmt: skip
         torque, damping = np.array(law).reshape(-1, 2).T * dt
-        angle_mid, stop = (start + dt / 2 * turn)[:, None], model.joint_laws.stop
-        low = np.where(angle_mid <= -stop, 0.0, -np.inf)
-        high = np.where(angle_mid >= stop, 0.0, np.inf)
+        angle_mid, stop = (start + dt / 2 * turn)[:, None], model.joint_laws.stop[:, :1]
+        low = np.where(angle_mid <= stop[..., 0], 0.0, -np.inf)
+        high = np.where(angle_mid >= stop[..., 1], 0.0, np.inf)
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
         force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
         M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()

@@ -127,7 +127,7 @@ def test_limits_of_the_joints_hold_between_rows():
     assert largest > robot.joint_limit > 0.78
     assert refusal(check_reach, Gait(table=table), robot) == (
         'amplitude plus offset of gait.yaw plus the largest angle of gait.table must be within '
-        f'the joint limit, 0.7854 rad, got {largest:.4g} rad'
+        f'the joint limit, +-0.7854 rad, got {largest:.4g} rad'
     )
     quick = Table.of(time / 50, angle / 2)
     assert 'gait.table must have rates of at most 5 rad/s' in refusal(

@@ -18,6 +18,8 @@ from snake_sim_ros.stepping.sampling import joint_motion, Keep, LEAST_STEPS, Lim
 from snake_sim_ros.stepping.simulation import sample, simulate
 from snake_sim_ros.stepping.state import initial_state
 
+LIMITS = Robot(link_count=3, joint_limit=0.7).limits
+
 
 @pytest.fixture
 def scene():
@@ -31,7 +33,7 @@ def test_reference_is_extrapolated_for_the_horizon_and_then_held():
     rate = np.array([[2.0, -1.0], [0.0, 0.0]])
     reference = JointReference(stamp, angle, rate)
     times = np.array([1.0, 1.025, 1.05, 1.2])
-    angles, rates = reference.sample(times, 0.05, 0.7)
+    angles, rates = reference.sample(times, 0.05, LIMITS)
     # alpha = alpha_0 + rate * min(t - t_0, horizon)
     assert angles[:, 0, 0] == pytest.approx([0.1, 0.15, 0.2, 0.2], abs=1e-12)
     assert angles[:, 0, 1] == pytest.approx([0.0, -0.025, -0.05, -0.05], abs=1e-12)
@@ -42,9 +44,9 @@ def test_reference_is_extrapolated_for_the_horizon_and_then_held():
 
 
 def test_reference_is_extrapolated_up_to_the_joint_limit():
-    axes = (1, 2)
+    axes = (2, 2)
     reference = JointReference(np.zeros(axes), np.full(axes, 0.6), np.full(axes, 10.0))
-    angles, _ = reference.sample(np.array([0.005, 0.05]), 0.05, 0.7)
+    angles, _ = reference.sample(np.array([0.005, 0.05]), 0.05, LIMITS)
     assert angles[:, 0, 0] == pytest.approx([0.65, 0.7], abs=1e-12)
 
 

@@ -80,7 +80,7 @@ def simulated(scene, commands):
         reference = READ[topic](message, reference, scene.robot, simulation.time).reference
         assert t == pytest.approx(simulation.time)
         reference = reference.settled(simulation.time)
-        sampled = reference.sample(simulation.midpoints(steps), 0.05, scene.robot.joint_limit)
+        sampled = reference.sample(simulation.midpoints(steps), 0.05, scene.robot.limits)
         simulation.advance(*sampled, make_samples(scene, steps, 1))
         rows.append((simulation.time, simulation.state.q))
     time, q = (np.array(part) for part in zip(*rows, strict=True))

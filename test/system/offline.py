@@ -75,7 +75,7 @@ class Offline:
         simulation = self.simulation
         robot = simulation.scene.robot
         times = simulation.midpoints(STEPS)
-        told = self.reference.sample(times, HORIZON, robot.joint_limit)
+        told = self.reference.sample(times, HORIZON, robot.limits)
         period, limit = 1e-9 * PERIOD, robot.joint_rate_limit
         report = simulation.advance(
             *self.limiter.limited(times, *told, period=period, limit=limit)

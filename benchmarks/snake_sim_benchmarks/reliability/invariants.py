@@ -95,12 +95,13 @@ def of_run(
     if report.penetration_max > deepest and not steps_over:
         yield f'penetration: {report.penetration_max:.3g} m, at most {deepest:.3g} m expected'
     laws = make_joint_laws(robot)
-    if np.isfinite(laws.stop) and len(q):
-        angle = max(float(np.abs(joint_angles(q)).max(initial=0.0)), 0.0)
-        first = float(np.abs(joint_angles(start.q)).max(initial=0.0))
+    if laws.has_stops and len(q):
+        angle, first = joint_angles(q, robot), joint_angles(start.q, robot)
+        low, high = np.minimum(first, laws.stop[..., 0]), np.maximum(first, laws.stop[..., 1])
+        beyond = float(np.maximum(angle - high, low - angle).max(initial=0.0))
         turn = 4.0 * scene.dt * float(np.linalg.norm(moved[..., 3:], axis=-1).max())
-        if angle > max(first, laws.stop) + turn + 1e-9:
-            yield f'stop: a joint is at {angle:.4g} rad beyond its stop {laws.stop:.4g} rad'
+        if beyond > turn + 1e-9:
+            yield f'stop: a joint is {beyond:.4g} rad beyond its stop'
 
 
 class Terms(NamedTuple):

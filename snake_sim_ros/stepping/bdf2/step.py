@@ -41,7 +41,6 @@ The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these e
    of any ratio "... I", 1993, ch. III.5.
 """
 
-import math
 from typing import Any, NamedTuple
 
 from snake_sim_ros.contact.closing import keep_closed
@@ -155,10 +154,10 @@ def begin_axes(
             axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
             axes.rate[j, k] = own.star.rate[j, k]
             begin_axis(laws, axes, h, j, k)
-            if laws.stop < math.inf:
+            if laws.has_stops:
                 hat = own.hat.angle[j, k]
-                low = (min(-laws.stop, angle[j, k]) - hat) / h_q
-                high = (max(laws.stop, angle[j, k]) - hat) / h_q
+                low = (min(laws.stop[j, k, 0], angle[j, k]) - hat) / h_q
+                high = (max(laws.stop[j, k, 1], angle[j, k]) - hat) / h_q
                 stop_axis(laws, axes, j, k, low, high)
             chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
 

@@ -238,7 +238,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         momentum=np.zeros((n, 3)),
         bare=np.zeros((n, 6)),
         applied=np.zeros((n - 1, 2)),
-        axes=make_axis_laws(n),
+        axes=make_axis_laws(scene.robot),
         middle=np.zeros((n, 2)),
         impact=np.zeros((n, 3)),
         weight=np.zeros((n, 3)),

@@ -44,6 +44,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     is_at_stop,
     joint_laws_change,
     MOST_CHANGES,
+    stop_at_middle,
     stop_axis,
     Trial,
 )
@@ -92,10 +93,7 @@ def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array
         turn = u[j + 1, 2] - u[j, 2]
         begin_yaw_axis(model, work, j, dt, turn)
         angle_mid = q[3 + j] - q[2 + j] + dt / 2 * turn
-        if angle_mid >= laws.stop:
-            axes.high[j, 0] = 0.0
-        elif angle_mid <= -laws.stop:
-            axes.low[j, 0] = 0.0
+        stop_at_middle(laws, axes, j, 0, angle_mid)
         first_yaw_law(model, work, j)
 
 
@@ -115,13 +113,13 @@ def begin_predicted_yaw_axes(
     shape (n, 3), are the predicted velocities.
     """
     start, hat = headings
-    laws, stop = model.joint_laws, model.joint_laws.stop
+    laws = model.joint_laws
     for j in range(len(work.torque)):
         begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
-        if stop < math.inf:
+        if laws.has_stops:
             angle, bend = start[j + 1] - start[j], hat[j + 1] - hat[j]
-            low, high = (min(-stop, angle) - bend) / h_q, (max(stop, angle) - bend) / h_q
-            stop_axis(laws, work.axes, j, 0, low, high)
+            low, high = min(laws.stop[j, 0, 0], angle), max(laws.stop[j, 0, 1], angle)
+            stop_axis(laws, work.axes, j, 0, (low - bend) / h_q, (high - bend) / h_q)
         first_yaw_law(model, work, j)
 
 

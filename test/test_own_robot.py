@@ -171,6 +171,7 @@ def test_a_controller_speaks_of_axes():
 
 
 def test_metrics_and_studies():
+    pytest.importorskip('polars')
     frame = study(
         SCENE, {'friction.longitudinal': [0.2, 0.4]}, ['distance', 'energy', 'slip'], rate=50,
     )  # fmt: skip

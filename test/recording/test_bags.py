@@ -16,7 +16,6 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros import ParameterError, Robot
-from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
 from snake_sim_ros.nodes.state_messages import StateMessages
@@ -30,6 +29,7 @@ from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.stepping.state import initial_state
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
+from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 typesys = pytest.importorskip('rosbags.typesys')

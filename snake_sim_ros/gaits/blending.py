@@ -280,7 +280,7 @@ def check_reach(gait: Gait, robot: Robot) -> None:
         largest = wave.offset + abs(wave.amplitude) + high[:, k]
         if len(least) and (beyond := robot.beyond(k, least, largest)):
             j, limit = beyond
-            reach = max(least[j], largest[j], key=abs)
+            reach = max(largest[j], least[j], key=abs)
             of_table = max(low[j, k], high[j, k], key=abs)
             plus = ' plus the largest angle of gait.table' if of_table else ''
             degrees = ''

@@ -53,9 +53,9 @@ FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where t
 OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
 LOST = 1e3  # residual of a segment whose simulation fails, in units of the noise
-# Steps at the start of a segment take 200 iterations. Where contacts have no solution, steps took
-# thousands, and a segment seconds.
-MOST_ITERATIONS = 300
+# Steps at the start of a segment take hundreds of iterations. Where contacts have no solution,
+# they took thousands, and a segment seconds.
+MOST_ITERATIONS = 1000
 MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
 
 

@@ -287,7 +287,7 @@ RETURNS = (
         (
             refused(gait=lambda t: np.full((10, 2), 1.0)),
             'amplitude plus offset of gait.yaw plus the largest angle of gait.table must be '
-            'within the joint limit, 0.7854 rad, got 1 rad',
+            'within the joint limit, +-0.7854 rad, got 1 rad',
         ),
         (refused(gait='no.csv'), 'gait.table: no file no.csv'),
         (refused(gait=5), 'gait must be a mapping of names to values, got 5'),

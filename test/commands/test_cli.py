@@ -132,8 +132,8 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
         ),
         (
             ['lateral_undulation', '--set', 'gait.yaw.amplitude=30'],
-            'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, got 30 '
-            'rad; for degrees say gait.yaw.amplitude_deg',
+            'amplitude plus offset of gait.yaw must be within the joint limit, +-0.7854 rad, got '
+            '30 rad; for degrees say gait.yaw.amplitude_deg',
         ),
         (['lateral_undulation', '--set', 'friction.rolling_deg=3'], 'friction.rolling_deg: rol'),
         (['aiko'], 'aiko is a robot, not a scene; scenes say "robot: aiko"'),

@@ -300,7 +300,7 @@ def test_failed_runs_are_rows():
 
     vary = {'friction.transversal': [0.4, 0.5, -1.0], 'gait.yaw.amplitude_deg': [30, 50]}
     frame = study('lateral_undulation', vary, ['speed', picky], set=SHORT)
-    beyond = 'amplitude plus offset of gait.yaw must be within the joint limit, 0.7854 rad, got '
+    beyond = 'amplitude plus offset of gait.yaw must be within the joint limit, +-0.7854 rad, got '
     assert frame['status'].to_list() == ['converged', 'refused', 'failed', *['refused'] * 3]
     assert frame['picky'].to_list() == [0.5, *[None] * 5]
     assert frame['speed'][2] > 0.0  # it has its number, whatever another metric does

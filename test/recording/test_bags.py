@@ -17,7 +17,6 @@ from visualization_msgs.msg import MarkerArray
 
 from snake_sim_ros import ParameterError, Robot
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.sensor_topics import SensorTopics
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.bag_reader import read_bag
@@ -30,6 +29,7 @@ from snake_sim_ros.stepping.state import initial_state
 
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
+from snake_sim_ros.nodes.sensor_topics import SensorTopics
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 typesys = pytest.importorskip('rosbags.typesys')

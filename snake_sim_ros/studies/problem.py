@@ -272,10 +272,13 @@ class Problem:
 
     def plan(self) -> Plan:
         """Return what all runs have in common."""
-        return Plan(self.scene, self.given, self.metrics, self.settings.rate)
+        settings = self.settings
+        return Plan(
+            self.scene, self.given, self.metrics, settings.rate, time_limit=settings.time_limit
+        )  # fmt: skip
 
     def check_plan(self) -> Plan:
-        """Return what the runs of the check have in common, with steps as they are given."""
+        """Return what the runs of the check have in common: their own steps, all the time."""
         settings = {'accuracy': 0.0, **self.check}
         scene, given = with_settings(self.scene, settings), self.given | settings.keys()
         return Plan(scene, given, self.metrics, self.settings.rate)

@@ -23,14 +23,15 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
-from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, PORTION_SECONDS
+from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, Limits, NO_LIMITS, PORTION_SECONDS
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import Metric, MetricError
 from snake_sim_ros.studies.table import KEPT, Result, Run
 
-CONVERGED, _, DIVERGED = (status.value for status in Status)
-REFUSED, FAILED = 'refused', 'failed'  # status of rows besides those of `base.Status`
+CONVERGED, MAX_ITERATIONS, DIVERGED = (status.value for status in Status)
+# Status of rows besides those of `base.Status`.
+REFUSED, FAILED, OUT_OF_TIME = 'refused', 'failed', 'out_of_time'
 # What computes the results of a run, besides the compiler and NumPy.
 SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
 KEY_LENGTH = 32  # hexadecimal digits
@@ -57,6 +58,8 @@ class Plan:
         Samples a second [Hz].
     folder : Path or None
         Where trajectories are kept.
+    time_limit : float
+        Wall time after which a run is ended [s]; 0 is unlimited.
     version : str
         The version of the physics with which rows are to be computed.
 
@@ -67,6 +70,7 @@ class Plan:
     metrics: tuple[Metric, ...]
     rate: float
     folder: Path | None = None
+    time_limit: float = 0.0
     version: str = field(default_factory=physics_version)
 
     @property
@@ -145,9 +149,11 @@ def known_result(plan: Plan, row: Row, known: Mapping[str, Run]) -> Result | Non
     if run is None:
         return None
     numbers = {item.name: run['metrics'].get(item.identity) for item in plan.metrics}
-    if None not in numbers.values():  # a metric that failed is not asked for
-        status = CONVERGED if run['status'] == FAILED else run['status']
+    if None not in numbers.values():  # whatever has failed is not asked for
+        status = MAX_ITERATIONS if run['unconverged'] else CONVERGED
         run = run | {'status': status, 'failure': ''}
+    elif run['status'] == OUT_OF_TIME and 0.0 < plan.time_limit <= run['seconds']:
+        return empty_result(plan, row) | {name: run[name] for name in KEPT}
     elif run['status'] != DIVERGED:
         return None
     result = empty_result(plan, row) | numbers | {name: run[name] for name in KEPT}
@@ -209,8 +215,9 @@ class _Runner:
             if trajectory is None:
                 trajectory = self._run(scene)
                 compiled = self.simulation.compile_seconds if self.simulation else 0.0
+            if not self._is_out_of_time(trajectory, result):
                 self._keep(trajectory, result)
-            self._measure(trajectory, result)
+                self._measure(trajectory, result)
         except (Stopped, OSError):
             raise
         except ParameterError as error:
@@ -238,9 +245,11 @@ class _Runner:
         simulation, before = Simulation(scene), self.simulation
         if before:
             share_compiled(before.stepper, before.scene, simulation.stepper, scene)
-        self.simulation = simulation
+        self.simulation, limits = simulation, NO_LIMITS
+        if self.plan.time_limit:  # a limit of unconverged steps, not reached, keeps calls short
+            limits = Limits(self.plan.time_limit, steps * samples + 1)
         trajectory = sample(
-            simulation, steps, samples, keep=self.plan.keep, progress=self._look,
+            simulation, steps, samples, keep=self.plan.keep, limits=limits, progress=self._look,
             portion=self.portion,
         )  # fmt: skip
         self.portion = int(PORTION_SECONDS * simulation.step_count / trajectory.seconds)
@@ -250,9 +259,23 @@ class _Runner:
         if self.stopped():
             raise Stopped
 
+    def _is_out_of_time(self, trajectory: Trajectory, result: Result) -> bool:
+        """Return whether a run was ended before its last sample, and note that."""
+        report, scene = trajectory.report, trajectory.scene
+        _, samples = samples_of(scene, self.plan.rate)
+        if report.failure or len(trajectory.time) > samples:
+            return False
+        result |= {'status': OUT_OF_TIME, 'unconverged': report.unconverged}
+        result['failure'] = (
+            f'{trajectory.time[-1]:g} s of {scene.duration:g} s were simulated within the '
+            f'time_limit, {self.plan.time_limit:g} s'
+        )
+        return True
+
     def _keep(self, trajectory: Trajectory, result: Result) -> None:
         """Write a trajectory if they are kept, with the velocities that other metrics need."""
-        if path := trajectory_file(self.plan, result['key']):
+        path = trajectory_file(self.plan, result['key'])
+        if path and not result['trajectory']:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_npz(trajectory, path, {'velocity': trajectory.velocity})
             result['trajectory'] = path.name

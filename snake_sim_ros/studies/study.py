@@ -47,6 +47,9 @@ class Settings(CheckedRecord):
     rate: float = quantity(
         20.0, 'Hz', 'samples per second from which metrics are computed', above=0
     )
+    time_limit: float = quantity(
+        0.0, 's', 'wall time after which a run is ended (0 = unlimited)', minimum=0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +86,10 @@ class Study:
 
     def plan(self, folder: Path | None = None) -> Plan:
         """Return what all runs have in common; trajectories are kept in a folder, if any."""
-        return Plan(self.scene, self.given, self.metrics, self.settings.rate, folder)
+        settings = self.settings
+        return Plan(
+            self.scene, self.given, self.metrics, settings.rate, folder, settings.time_limit
+        )  # fmt: skip
 
     def rows(self) -> Iterator[Row]:
         """Yield all rows."""
@@ -270,7 +276,7 @@ def study(
         ``observe(results, is_new)`` is called with rows as they are done: their columns by name,
         and whether they were run now, not found in the file.
     **settings
-        `set`, `sampling`, `samples`, `seed`, `rate`, as in the file of a study.
+        `set`, `sampling`, `samples`, `seed`, `rate`, `time_limit`, as in the file of a study.
 
     Returns
     -------

@@ -457,6 +457,25 @@ def test_a_metric_that_fails_does_not_hide_steps_that_did_not_converge():
     assert set(frame['failure']) == {'metric broken raised ValueError: no'}
 
 
+def test_a_run_that_takes_too_long_is_a_row(tmp_path):
+    keep = {'set': SHORT, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
+    new = []
+
+    def again(limit):
+        new.clear()
+        return study(
+            'lateral_undulation', FRICTION, ['speed'], time_limit=limit, **keep,
+            observe=lambda results, is_new: new.extend(results if is_new else ()),
+        )  # fmt: skip
+
+    frame = again(1e-9)
+    assert set(frame['status']) == {'out_of_time'} and frame['speed'].null_count() == 3
+    assert set(frame['failure']) == {'0 s of 0.5 s were simulated within the time_limit, 1e-09 s'}
+    assert again(1e-10).equals(frame) and not new
+    assert set(again(100.0)['status']) == {'converged'} and len(new) == 3
+    assert set(again(1e-9)['status']) == {'converged'} and not new
+
+
 # ---- workers ------------------------------------------------------------------------------------
 
 

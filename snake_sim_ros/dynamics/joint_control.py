@@ -28,7 +28,7 @@ import numpy as np
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Scene, steps_in
+from snake_sim_ros.scene.parameters import Array, PD_SCHEMES, Robot, Scene, steps_in
 
 START, MIDPOINT, AVERAGE, END = range(len(PD_SCHEMES))
 
@@ -143,6 +143,14 @@ class ControlMemory(NamedTuple):
     held_reference: Array  # (2, n-1, 2) references that are held, with rates 0
 
 
+def control_periods(robot: Robot) -> dict[str, float]:
+    """Return name -> period or delay of the controllers, of which steps divide each [s]."""
+    rates = {'control period': robot.control_rate, 'reference period': robot.reference_rate}
+    periods = {name: 1.0 / rate for name, rate in rates.items() if rate > 0.0}
+    delay = {'robot.command_delay': robot.command_delay} if robot.command_delay > 0.0 else {}
+    return periods | delay
+
+
 def make_control_loop(scene: Scene) -> ControlLoop:
     """
     Return the loop of a scene.
@@ -154,11 +162,9 @@ def make_control_loop(scene: Scene) -> ControlLoop:
 
     """
     robot, dt = scene.robot, scene.dt
-    rate, delay = robot.control_rate, robot.command_delay
-    period = steps_in(1.0 / rate, dt, 'control period') if rate > 0.0 else 0
-    taken = robot.reference_rate
-    hold = steps_in(1.0 / taken, dt, 'reference period') if taken > 0.0 else 0
-    late = steps_in(delay, dt, 'robot.command_delay') if delay > 0.0 else 0
+    steps = {name: steps_in(time, dt, name) for name, time in control_periods(robot).items()}
+    period, hold = steps.get('control period', 0), steps.get('reference period', 0)
+    late = steps.get('robot.command_delay', 0)
     if late > MOST_LATE:
         raise ParameterError(
             f'robot.command_delay must be at most {MOST_LATE} steps, got {late} of {dt:g} s'

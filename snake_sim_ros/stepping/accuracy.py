@@ -23,6 +23,7 @@ from collections.abc import Container
 from fractions import Fraction
 import math
 
+from snake_sim_ros.dynamics.joint_control import control_periods
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene, with_settings
 
@@ -65,14 +66,10 @@ def common_divisor(scene: Scene, period: float) -> float:
         If it is below LEAST_STEP.
 
     """
-    robot = scene.robot
-    rates = {'control': robot.control_rate, 'reference': robot.reference_rate}
-    named = {f'{name} period': 1.0 / rate for name, rate in rates.items() if rate}
-    if robot.command_delay:
-        named['robot.command_delay'] = robot.command_delay
-    if not named:
+    own = control_periods(scene.robot)
+    if not own:
         return period
-    named = {'sampling period': period} | named
+    named = {'sampling period': period} | own
     parts = [Fraction(time).limit_denominator(FINEST) for time in named.values()]
     unit = math.lcm(*(part.denominator for part in parts))
     divisor = math.gcd(*(int(part * unit) for part in parts)) / unit

@@ -187,7 +187,7 @@ def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: f
     """Return a sentence about a joint that its velocity takes beyond the limit by now, or ''."""
     age = np.minimum(now - reference.stamp, horizon)
     angle = reference.angle + age * reference.rate
-    excess = excess_of(angle, robot.limits)
+    excess = robot.limits.excess(angle, angle)
     worst = np.array([int(excess.argmax())])
     if excess.flat[worst[0]] <= ROUNDING:
         return ''
@@ -303,7 +303,7 @@ def clamped_to(
     topic: str, names: Sequence[str], angle: Array, limits: JointLimits
 ) -> tuple[Array, str]:
     """Return angles within the limits, shape (..., joints), and a sentence about the furthest."""
-    excess = excess_of(angle, limits)
+    excess = limits.excess(angle, angle)
     worst = int(excess.argmax())
     if excess.flat[worst] <= 0.0:
         return angle, ''
@@ -312,11 +312,6 @@ def clamped_to(
         f'{topic}: position of {names[k]} is clamped to the joint limit, '
         f'{range_text(limits.low[k], limits.high[k])}; got {angle.flat[worst]:.4g} rad'
     )
-
-
-def excess_of(angle: Array, limits: JointLimits) -> Array:
-    """Return how far angles are beyond the limits of their axes, the last ones of a shape."""
-    return np.maximum(angle - limits.high, limits.low - angle)
 
 
 # ---- trajectories -------------------------------------------------------------------------------
@@ -593,8 +588,8 @@ def _check_pieces(
 
     """
     names, axes = message.names, message.axes
-    low, high, rate = (each.flat[axes] for each in robot.limits)
-    least, largest, fastest = extremes
+    limits = JointLimits(*(each.flat[axes] for each in robot.limits))
+    (low, high, rate), (least, largest, fastest) = limits, extremes
     piece, k = _worst(fastest - rate)
     if k is not None:
         raise RejectedCommand(
@@ -602,7 +597,7 @@ def _check_pieces(
             f'{TOPIC}: {names[k]} would move at {fastest[piece, k]:.4g} rad/s until '
             f't = {ends[piece]:.4f} s; at most {rate[k]:.4g} rad/s',
         )
-    piece, k = _worst(np.maximum(low - least, largest - high))
+    piece, k = _worst(limits.excess(least, largest))
     if k is None:
         return ''
     (lower,), (upper,), _ = robot.limits_of_axes(axes[[k]])

@@ -252,6 +252,15 @@ class JointLimits(NamedTuple):
     high: Array  # (n-1, 2) largest angle [rad]
     rate: Array  # (n-1, 2) largest rate [rad/s]
 
+    def turned(self, around: Array) -> 'JointLimits':
+        """Return the limits of the same axes, some of which are turned around."""
+        low, high = np.where(around, -self.high, self.low), np.where(around, -self.low, self.high)
+        return JointLimits(low, high, self.rate)
+
+    def excess(self, least: Array, largest: Array) -> Array:
+        """Return how far angles from least to largest are beyond the limits [rad]."""
+        return np.asarray(np.maximum(self.low - least, largest - self.high))
+
 
 class Spheres(NamedTuple):
     """

@@ -554,18 +554,16 @@ class Robot(CheckedRecord):
         found = JointLimits(*(np.full(shape, value) for value in (-limit, limit, rate)))
         if self.joints:
             own = [joint.limits(limit, rate) for joint in self.joints]
-            low, high, most = (np.concatenate(each) for each in zip(*own, strict=True))
-            (joint, slot), turned = self.chain.axes.T, self.chain.signs < 0.0
-            found.low[joint, slot] = np.where(turned, -high, low)
-            found.high[joint, slot] = np.where(turned, -low, high)
-            found.rate[joint, slot] = most
+            given = JointLimits(*(np.concatenate(each) for each in zip(*own, strict=True)))
+            joint, slot = self.chain.axes.T
+            for each, values in zip(found, given.turned(self.chain.signs < 0.0), strict=True):
+                each[joint, slot] = values
         return found
 
     def limits_of_axes(self, places: Array) -> JointLimits:
         """Return the limits of axes at some `axis_places`, with their own signs, shape (k,)."""
-        low, high, rate = (each.reshape(-1)[places] for each in self.limits)
-        turned = self.place_signs[places] < 0.0
-        return JointLimits(np.where(turned, -high, low), np.where(turned, -low, high), rate)
+        found = JointLimits(*(each.reshape(-1)[places] for each in self.limits))
+        return found.turned(self.place_signs[places] < 0.0)
 
     def beyond(self, slot: int, least: Array, largest: Array) -> tuple[int, str] | None:
         """
@@ -579,8 +577,8 @@ class Robot(CheckedRecord):
             Angles that the joints have, with the signs of the model [rad].
 
         """
-        low, high = self.limits.low[:, slot], self.limits.high[:, slot]
-        excess = np.maximum(low - least, largest - high)
+        limits = JointLimits(*(each[:, slot] for each in self.limits))
+        low, high, excess = limits.low, limits.high, limits.excess(least, largest)
         j = int(excess.argmax())
         if not excess[j] > 0.0:
             return None

@@ -199,6 +199,16 @@ class Blend:
         return (self.begins + self.duration / 2)[:, None] * np.diff(self.frequency, axis=0)
 
 
+def narrowest_limits(robot: Robot, axis: str) -> tuple[float, float, float]:
+    """Return least and largest angle [rad] and rate [rad/s] that all joints have at an axis."""
+    low, high, rate = (each[:, AXES.index(axis)] for each in robot.limits)
+    return (
+        float(low.max(initial=-robot.joint_limit)),
+        float(high.min(initial=robot.joint_limit)),
+        float(rate.min(initial=robot.joint_rate_limit)),
+    )
+
+
 def largest_values(robot: Robot, axis: str) -> dict[str, float]:
     """
     Return name -> largest magnitude of the numbers of the wave of an axis, 'yaw' or 'pitch'.
@@ -207,13 +217,11 @@ def largest_values(robot: Robot, axis: str) -> dict[str, float]:
     the joint rate limit to the wave, whatever its amplitude, and half to the blends, see
     `shortest_blend`, so that no change of a gait exceeds the limit.
     """
-    low, high, rates = (each[:, AXES.index(axis)] for each in robot.limits)
-    least = float(low.max(initial=-robot.joint_limit))
-    most = float(high.min(initial=robot.joint_limit))
-    rate, amplitude = rates.min(initial=robot.joint_rate_limit), max(most - least, 0.0) / 2
+    least, most, rate = narrowest_limits(robot, axis)
+    amplitude = max(most - least, 0.0) / 2
     return {
         'amplitude': amplitude,
-        'angular_frequency': float(rate) / (2 * amplitude) if amplitude else 0.0,
+        'angular_frequency': rate / (2 * amplitude) if amplitude else 0.0,
         'phase_lag': 2 * math.pi,
         'phase': 2 * math.pi,
         'offset': max(abs(least), abs(most)),

@@ -18,7 +18,7 @@ sidewinding robot moves at the requested speed, but sideways, and an offset does
 from dataclasses import dataclass, replace
 import math
 
-from snake_sim_ros.gaits.blending import largest_values
+from snake_sim_ros.gaits.blending import largest_values, narrowest_limits
 from snake_sim_ros.scene.gait import AXES, Gait, Table
 from snake_sim_ros.scene.parameters import Robot
 
@@ -76,10 +76,10 @@ class Steering:
             )
         ahead = -1.0 if yaw.phase_lag > 0.0 else 1.0
         scale = ahead * 2 * math.pi * speed / stride / cycle
-        least = robot.limits.low[:, 0].max(initial=-robot.joint_limit) + abs(yaw.amplitude)
-        most = robot.limits.high[:, 0].min(initial=robot.joint_limit) - abs(yaw.amplitude)
+        least, most, _ = narrowest_limits(robot, 'yaw')
+        least, most = least + abs(yaw.amplitude), most - abs(yaw.amplitude)
         wanted = -float(robot.per_link('link_length').mean()) * self.turning / self.speed
-        offset = float(min(max(wanted, least), most))
+        offset = min(max(wanted, least), most)
         if offset != wanted:
             remarks['offset'] = (
                 f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '

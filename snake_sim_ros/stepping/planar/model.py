@@ -96,6 +96,7 @@ class PlanarModel(NamedTuple):
     ahead: Array  # (n,) from the center of a link to the middle of its spheres, along it [m]
     offset: Array  # (n,) from this middle to the first sphere [m]
     grip: Array  # (n,) factor of friction of the link
+    heights: Array  # (n,) of the link centers over the floor when the robot lies flat [m]
     height: float  # of joints and link centers over the floor [m]
     stiffness: Array  # (n-1,) of the yaw joints [N m/rad]
     damping: Array  # (n-1,) [N m s/rad]
@@ -163,7 +164,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
     robot, mass, dt = spatial.robot, spatial.robot.mass, scene.dt
     spheres, present = robot.spheres, robot.places.present
     stiffness, damping, pitch = robot.stiffness, robot.damping, robot.stiffness[:, 1]
-    height = float(flat_heights(scene.robot)[0] + robot.places.distal[0, 1])
+    heights = flat_heights(scene.robot)
+    height = float(heights[0] + robot.places.distal[0, 1])
     stiffest = pitch.max(initial=LIMP_STIFFNESS)
     if not present[:, 1].any():  # rigid: contacts alone hold it, unless it is straight
         stiffest = max(stiffest, -mass.sum() * scene.gravity[2] * height)
@@ -189,6 +191,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         ahead=0.5 * (first + second),
         offset=0.5 * (first - second),
         grip=spheres.grip[:n],
+        heights=heights,
         height=height,
         stiffness=np.ascontiguousarray(stiffness[:, 0]),
         damping=np.ascontiguousarray(damping[:, 0]),

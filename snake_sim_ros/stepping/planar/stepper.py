@@ -14,7 +14,6 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.planar.model import (
-    flat_heights,
     forget,
     make_planar_memory,
     make_planar_model,
@@ -174,7 +173,6 @@ class PlanarStepper:
         self.work = make_planar_workspace(scene)
         self.joints, places = (self.model.front, self.model.rear), scene.robot.chain.places
         self.keeps_tilts = places.complete and places.straight
-        self.flat_heights = flat_heights(scene.robot)
         inertia = scene.robot.chain.inertia
         self.uneven = inertia[:, 0, 0] - inertia[:, 1, 1]  # about the axes e_x and e_y of a link
         self.loop = loop
@@ -246,7 +244,7 @@ class PlanarStepper:
 
     def heights(self, state: State) -> Array:
         """Return the heights of the link centers while a robot moves in the plane, (n,) [m]."""
-        return state.q[:, 2].copy() if self.keeps_tilts else self.flat_heights
+        return state.q[:, 2].copy() if self.keeps_tilts else self.model.heights
 
     def single_steps(
         self, state: State, history: History, pushes: PushTable

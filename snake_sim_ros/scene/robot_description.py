@@ -302,7 +302,7 @@ def _limits(robot: Robot, j: int, axis: str) -> dict[str, float]:
     stiffness, damping = (robot.per_joint(name)[j, k] for name in ('stiffness', 'damping'))
     effort = robot.per_joint('torque_limit')[j, k]
     if effort >= MOST:
-        effort = stiffness * (high - low) + damping * (rate + rate)
+        effort = stiffness * (high - low) + 2 * damping * rate
     return {'lower': low, 'upper': high, 'velocity': rate, 'effort': effort}
 
 

@@ -122,7 +122,7 @@ class Trajectory:
             (('contact_sample', 'contact_number'), 'i', (k,)),
             (('contact_point', 'contact_force'), 'f', (k, 3)),
             (('level',), 'U', (m,)),
-            *(((('velocity',), 'f', (m, n, 6)),) if self.velocity.size else ()),
+            (('velocity',), 'f', (m, n, 6) if self.velocity.size else self.velocity.shape),
         ):
             for name in names:
                 array = getattr(self, name)

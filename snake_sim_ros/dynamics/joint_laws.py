@@ -36,6 +36,9 @@ from snake_sim_ros.scene.parameters import Array, Robot
 
 HOLD = 1e9  # stiffness that holds a rate, relative to inertia and damping of an axis
 SAME_RATE = 1e-12  # rates that differ by less are the same [rad/s]
+# An axis that is at a stop does not meet it again because moves that close gaps took it away by
+# rounding.
+MEETING_RATE = 1e-9  # least rate with which an axis meets a stop [rad/s]
 MOST_CHANGES = 60  # solutions of a step after which it counts as unconverged
 # So many times all axes go to other parts of their laws at once; then one at a time, the first.
 TOGETHER = 12
@@ -215,7 +218,7 @@ def rate_on_slope(
 def is_at_stop(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j meets a stop: it moves at the rate that leads there."""
     w = axes.rate[j, k]
-    return (is_low(laws, axes, j, k) or is_high(laws, axes, j, k)) and abs(w) > SAME_RATE
+    return (is_low(laws, axes, j, k) or is_high(laws, axes, j, k)) and abs(w) > MEETING_RATE
 
 
 @inlined

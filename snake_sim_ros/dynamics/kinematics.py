@@ -520,11 +520,7 @@ def floor_penetration(spheres: Spheres, q: Array) -> float:
 
 @inlined
 def lies_flat_and_still(spheres: Spheres, q: Array, u: Array, omega: Array) -> bool:
-    """
-    Return whether every link is on the floor, is not rolled, and moves in the plane only.
-
-    `omega` may have more columns.
-    """
+    """Return whether every link is on the floor, is not rolled, and moves in the plane only."""
     for a in range(len(spheres.link)):
         i = spheres.link[a]
         e0, e1, e2, e3 = q[i, 3], q[i, 4], q[i, 5], q[i, 6]

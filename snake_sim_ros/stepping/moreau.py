@@ -226,7 +226,7 @@ def end_step(
     note_joints(model, q, report)
     furthest = work.axes.furthest
     close_joints(model.drift_correction, model.robot.places, model.robot.mass, furthest, q)
-    goes_on = report_end(model, work.chain.twist, q, u, steps.history.settling, report)
+    goes_on = report_end(model, work, q, u, steps.history.settling, report)
     depth = close_step(model, work.center, problem, furthest, q, work.q_mid)
     report.penetration_max = max(report.penetration_max, depth)
     return goes_on
@@ -253,7 +253,7 @@ def note_joints(model: Model, q: Array, report: Any) -> None:
 
 @inlined
 def report_end(
-    model: Model, twist: Array, q: Array, u: Array, settling: Array, report: Any
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Any
 ) -> bool:
     """
     Report a step at its end.
@@ -267,7 +267,8 @@ def report_end(
     report.steps += 1
     if model.settle_steps == 0:
         return True
-    lies = lies_flat_and_still(model.robot.spheres, q, u, twist)
+    rates_in_inertial_frame(work.R, u, work.omega)
+    lies = lies_flat_and_still(model.robot.spheres, q, u, work.omega)
     left = settling[0] - 1.0 if lies else model.settle_steps
     settling[0] = left
     return left > 0.0

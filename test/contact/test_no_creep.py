@@ -14,6 +14,7 @@ from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import gaps, joint_angles
 from snake_sim_ros.stepping.base import Status
+from snake_sim_ros.stepping.bdf2.events import FLAT_GAP
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 from snake_sim_ros.stepping.state import initial_state
 
@@ -97,8 +98,10 @@ def test_t13_a_sliding_link_does_not_lift(velocity, method):
         state, history, report = stepper.advance(state, history, none, none)
         assert report.contacts == 2
         highest = max(highest, gaps(scene.robot, state.q).max())
-    # A gap is the difference of two lengths below 0.1 m; one rounding of each is left.
-    assert highest <= 4 * 0.1 * EPS
+    # A gap is the difference of two lengths below 0.1 m; one rounding of each is left. Of a move
+    # that closes a gap, `bdf2` goes on by a third in the next step, and of that by a third.
+    most = (FLAT_GAP + PRESS_SPEED * scene.dt) / 2 if method == 'bdf2' else 0.0
+    assert highest <= most + 4 * 0.1 * EPS
     lost = 0.5 * 9.81 * 1000 * scene.dt
     if velocity[1] == 0.0:  # it still slides at the end: v0 - mu g t, friction of all the weight
         # Less what the residual leaves open of each normal impulse: mu r_N 1e-9 m/s over m.

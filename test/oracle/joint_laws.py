@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.joint_laws import JointLaws, MOST_CHANGES, TOGETHER
+from snake_sim_ros.dynamics.joint_laws import JointLaws, MEETING_RATE, MOST_CHANGES, TOGETHER
 from snake_sim_ros.scene.parameters import Array
 
 HOLD = 1e5  # as in `joint_laws`
@@ -39,7 +39,7 @@ class DenseLaws(NamedTuple):
 
     def meets_stop(self, rate: Array) -> Array:
         """Return which axes meet a stop: they move at the rate that leads there."""
-        return self.holds_stop(rate) & (np.abs(rate) > SAME_RATE)
+        return self.holds_stop(rate) & (np.abs(rate) > MEETING_RATE)
 
     def holds_stop(self, rate: Array) -> Array:
         """Return which axes have the rate of a stop of their angle."""

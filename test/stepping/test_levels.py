@@ -118,19 +118,25 @@ def test_links_given_one_by_one_have_the_loads_of_space(method):
 
 
 @pytest.mark.parametrize('dt', [1 / 1000, 1 / 4000])
-def test_methods_have_one_path_in_the_plane(dt):
-    # Of first and second order; the larger step of `bdf2` is as accurate.
-    ends = []
-    for method, step in (('newton', dt), ('bdf2', 4 * dt)):
-        scene = replace(MODULES, method=method, dt=step, level='planar')
-        angle, rate = references(scene, round(2.0 / step))
-        end, _, report = make_stepper(scene).advance(
-            initial_state(scene), empty_history(scene), angle, rate
-        )
-        assert report.status is Status.CONVERGED
-        ends.append(end.q)
-    way = np.linalg.norm((center_of_mass(scene.robot, ends[0]) - start_center(scene))[:2])
-    assert np.abs(ends[0] - ends[1])[:, :2].max() < 2.0 * dt * way
+def test_methods_have_one_path(dt):
+    # Of first and second order; the larger step of `bdf2` is as accurate. In space the robot has
+    # fewer freedoms than contacts, and contacts that sink change the loads. With `newton` they
+    # sink by up to 2.5/16 dt^2, see `left_gap`, and 12 dt is measured, 5 dt at 1/1000 s.
+    ends = {}
+    for level in ('planar', 'spatial'):
+        for method, step in (('newton', dt), ('bdf2', 4 * dt)):
+            scene = replace(MODULES, method=method, dt=step, level=level)
+            angle, rate = references(scene, round(2.0 / step))
+            end, _, report = make_stepper(scene).advance(
+                initial_state(scene), empty_history(scene), angle, rate
+            )
+            assert report.status is Status.CONVERGED
+            ends[level, method] = end.q
+    path = ends['planar', 'newton']
+    way = np.linalg.norm((center_of_mass(scene.robot, path) - start_center(scene))[:2])
+    for case, q in ends.items():
+        most = 12.0 if case == ('spatial', 'newton') else 2.0
+        assert np.abs(q - path)[:, :2].max() < most * dt * way, case
 
 
 def start_center(scene):

@@ -436,7 +436,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     report.further_parts += parts - 1
     keep_references(size, rate, memory)
     count_steps(before, report)
-    return report_end(model, work.chain.twist, steps.q, steps.u, steps.history.settling, report)
+    return report_end(model, work, steps.q, steps.u, steps.history.settling, report)
 
 
 @compiled

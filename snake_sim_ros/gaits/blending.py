@@ -213,19 +213,32 @@ def largest_values(robot: Robot, axis: str) -> dict[str, float]:
     """
     Return name -> largest magnitude of the numbers of the wave of an axis, 'yaw' or 'pitch'.
 
-    The wave is that of all joints, so that the narrowest limits count. The numbers leave half of
-    the joint rate limit to the wave, whatever its amplitude, and half to the blends, see
-    `shortest_blend`, so that no change of a gait exceeds the limit.
+    The wave is that of all joints, so that the narrowest limits count. The frequency is that of a
+    wave without amplitude, see `largest_frequency`.
     """
-    least, most, rate = narrowest_limits(robot, axis)
-    amplitude = max(most - least, 0.0) / 2
+    least, most, _ = narrowest_limits(robot, axis)
     return {
-        'amplitude': amplitude,
-        'angular_frequency': rate / (2 * amplitude) if amplitude else 0.0,
+        'amplitude': max(most - least, 0.0) / 2,
+        'angular_frequency': largest_frequency(robot, axis, 0.0),
         'phase_lag': 2 * math.pi,
         'phase': 2 * math.pi,
         'offset': max(abs(least), abs(most)),
     }
+
+
+def largest_frequency(robot: Robot, axis: str, amplitude: float) -> float:
+    """
+    Return the largest angular frequency of the wave of an axis with an amplitude [rad/s].
+
+    Half of the joint rate limit r is left to the waves, and half to the blends, see
+    `shortest_blend`, so that no change of a gait exceeds the limit. In a blend frequency and
+    amplitude are means of those of its gaits, with the same weights. With the largest amplitude a,
+    ``omega/(r/a) + A/(2 a) <= 1`` therefore holds during the blend as well, and no numbers with
+    this sum have a product above r/2.
+    """
+    least, most, rate = narrowest_limits(robot, axis)
+    largest = max(most - least, 0.0) / 2
+    return (1.0 - abs(amplitude) / (2 * largest)) * rate / largest if largest else 0.0
 
 
 def shortest_blend(robot: Robot) -> float:
@@ -261,11 +274,14 @@ def check_limits(gait: Gait, robot: Robot) -> None:
             )
     for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
         for name, largest in largest_values(robot, axis).items():
-            value = getattr(wave, name)
+            value, of = getattr(wave, name), ''
+            if name == 'angular_frequency':
+                largest = largest_frequency(robot, axis, wave.amplitude)
+                of = f' with an amplitude of {wave.amplitude:.4g} rad'
             if abs(value) > largest:
                 unit = Wave.__dataclass_fields__[name].metadata['unit']
                 raise ParameterError(
-                    f'gait.{axis}.{name} must be within +-{largest:.4g} {unit}, '
+                    f'gait.{axis}.{name} must be within +-{largest:.4g} {unit}{of}, '
                     f'got {value:.4g} {unit}'
                 )
     check_reach(gait, robot)

@@ -18,7 +18,7 @@ sidewinding robot moves at the requested speed, but sideways, and an offset does
 from dataclasses import dataclass, replace
 import math
 
-from snake_sim_ros.gaits.blending import largest_values, narrowest_limits
+from snake_sim_ros.gaits.blending import largest_frequency, narrowest_limits
 from snake_sim_ros.scene.gait import AXES, Gait, Table
 from snake_sim_ros.scene.parameters import Robot
 
@@ -65,9 +65,12 @@ class Steering:
         if self.speed == 0.0 or cycle == 0.0 or gait.table:
             return _still(gait), remarks
 
-        largest = min(largest_values(robot, axis)['angular_frequency'] for axis in AXES)
-        fastest = max(abs(yaw.angular_frequency), abs(pitch.angular_frequency))
-        reachable = largest * abs(cycle) / fastest * stride / (2 * math.pi)
+        largest = abs(cycle) * min(
+            largest_frequency(robot, axis, wave.amplitude) / abs(wave.angular_frequency)
+            for axis, wave in zip(AXES, (yaw, pitch), strict=True)
+            if wave.angular_frequency
+        )
+        reachable = largest * stride / (2 * math.pi)
         speed = min(max(self.speed, -reachable), reachable)
         if speed != self.speed:
             remarks['speed'] = (

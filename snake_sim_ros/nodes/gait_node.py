@@ -79,7 +79,11 @@ class Settings(CheckedRecord):
         'joint_state', '', 'message type of the commands', choices=tuple(COMMAND_FORMS)
     )
     blend_time: float = quantity(
-        1.0, 's', 'duration of a blend to a changed gait', above=0, maximum=60
+        0.0,
+        's',
+        'duration of a blend to a changed gait; 0 = 1 s, or what the limits of the joints need',
+        minimum=0,
+        maximum=60,
     )
     start_from: str = quantity(
         'measured',
@@ -186,7 +190,8 @@ class GaitNode(Node):
         self.why = ''
 
     def _beginning(self, posture: Array | None = None) -> Blend:
-        joint_count, duration = self.robot.link_count - 1, self.settings.blend_time
+        joint_count = self.robot.link_count - 1
+        duration = self.settings.blend_time or max(1.0, shortest_blend(self.robot))
         return Blend.of(self.target, joint_count, duration, posture)
 
     def _stop_unsteered(self, now: int) -> None:
@@ -238,7 +243,7 @@ class GaitNode(Node):
     def _check_start(self) -> None:
         check_limits(self.gait, self.robot)
         shortest = shortest_blend(self.robot)
-        if self.settings.blend_time < shortest:
+        if 0.0 < self.settings.blend_time < shortest:
             raise ParameterError(
                 f'blend_time must be at least {shortest:.4g} s, which the joint limit and the '
                 f'joint rate limit allow, got {self.settings.blend_time:g} s'

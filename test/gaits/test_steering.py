@@ -10,14 +10,13 @@ import pytest
 from random_states import EPS
 
 from snake_sim_ros import Gait, Robot, Scene, Simulation, Wave
-from snake_sim_ros.gaits.blending import Blend, check_limits
+from snake_sim_ros.gaits.blending import Blend, check_limits, largest_frequency
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 ROBOT = Robot()
 STRIDE = 0.5  # m
-MOST = ROBOT.joint_rate_limit / (2 * ROBOT.joint_limit)  # of angular frequencies [rad/s]
 UNDULATION, SINUS_LIFTING = (
     load_scene(name).gait for name in ('lateral_undulation', 'sinus_lifting')
 )
@@ -27,8 +26,13 @@ def steered(speed, turning, gait=UNDULATION):
     return Steering(speed, turning).gait(gait, ROBOT, STRIDE)
 
 
-def fastest(gait):
-    return max(abs(gait.yaw.angular_frequency), abs(gait.pitch.angular_frequency))
+def most_cycle(gait):
+    """Return the largest yaw frequency that keeps the ratio of both [rad/s]."""
+    return min(
+        largest_frequency(ROBOT, axis, wave.amplitude) / abs(wave.angular_frequency)
+        for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch))
+        if wave.angular_frequency
+    ) * abs(gait.yaw.angular_frequency)
 
 
 def test_speed_is_stride_times_frequency_and_waves_keep_their_ratio():
@@ -83,8 +87,8 @@ def test_stopping_fades_both_waves_out():
         ),
         (
             *(2.0, 0.0, UNDULATION),
-            'cmd_vel: linear.x 2 m/s is more than 0.5066 m/s, which the stride and the largest '
-            'frequency, 6.366 rad/s, make; clamped',
+            'cmd_vel: linear.x 2 m/s is more than 0.6755 m/s, which the stride and the largest '
+            'frequency, 8.488 rad/s, make; clamped',
         ),
         (
             *(0.1, -0.5, UNDULATION),
@@ -114,8 +118,8 @@ def test_whatever_is_asked_the_joints_follow_as_far_as_they_can():
         for gait in (UNDULATION, SINUS_LIFTING):
             found = steered(speed, turning, gait)[0]
             check_limits(found, ROBOT)
-            share = gait.yaw.angular_frequency / fastest(gait)
-            cycle = math.copysign(min(abs(2 * math.pi * speed / STRIDE), MOST * share), speed)
+            cycle = min(abs(2 * math.pi * speed / STRIDE), most_cycle(gait))
+            cycle = math.copysign(cycle, speed)
             room = ROBOT.joint_limit - gait.yaw.amplitude
             offset = min(max(-0.122 * turning / speed, -room), room)
             assert found.yaw.angular_frequency == pytest.approx(cycle, rel=8 * EPS)
@@ -152,7 +156,7 @@ def test_a_simulated_robot_moves_and_turns_as_it_is_steered(speed, turning):
 @pytest.mark.parametrize('speed', [5e-324, 0.1, -0.1, 1e300])
 def test_a_wave_with_next_to_no_frequency_stands_still(tiny, speed):
     # The other wave makes the cycle; without one the robot stops.
-    limit = min(2 * math.pi * abs(speed) / STRIDE, MOST)
+    cycle = 2 * math.pi * abs(speed) / STRIDE
     for frequencies in ((tiny, 0.0), (tiny, 3.0), (3.0, tiny), (0.0, tiny), (tiny, tiny)):
         waves = (
             replace(wave, angular_frequency=value)
@@ -165,6 +169,12 @@ def test_a_wave_with_next_to_no_frequency_stands_still(tiny, speed):
             gait, _ = steered(speed, turning, shape)
             check_limits(with_settings(Scene(gait=gait), {}).gait, ROBOT)
             found = gait.yaw.angular_frequency, gait.pitch.angular_frequency
-            wanted = [math.copysign(limit, speed) * (value == 3.0) for value in frequencies]
+            wanted = [
+                math.copysign(min(cycle, largest_frequency(ROBOT, axis, wave.amplitude)), speed)
+                * (value == 3.0)
+                for (axis, wave), value in zip(
+                    (('yaw', shape.yaw), ('pitch', shape.pitch)), frequencies, strict=True
+                )
+            ]
             assert found == pytest.approx(wanted, rel=8 * EPS, abs=1e-29)
             assert (gait.yaw.amplitude > 0.0) == (3.0 in frequencies)

@@ -367,13 +367,11 @@ def metric_of(source: Any, folder: Path | None = None) -> Metric:
 
 def _windowed(source: Mapping[Any, Any], folder: Path | None) -> Metric:
     """Return the metric of a part of a run that a mapping of its name describes."""
-    if len(source) != 1 or not all(
-        isinstance(name, str) and name.isidentifier() for name in source
-    ):
+    name, given = next(iter(source.items()), ('', None))
+    if len(source) != 1 or not isinstance(name, str) or not name.isidentifier():
         raise ParameterError(
-            f'metrics: a window must be like {WINDOW_EXAMPLE}, got {dict(source)}'
+            f'metrics: a window must be like {WINDOW_EXAMPLE}, got {quoted(dict(source))}'
         )
-    ((name, given),) = source.items()
     window: Window = from_mapping(Window, given, f'metrics: {name}')
     if name in METRICS or not window.of:
         what = 'needs a name of its own' if window.of else 'has no metric'

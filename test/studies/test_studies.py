@@ -329,7 +329,8 @@ def test_joints_of_every_step_leave_the_run_alone():
     for name in (*OF_SAMPLES, *OF_CONTACTS):
         assert np.array_equal(getattr(plain, name), getattr(full, name)), name
     assert not plain.joint_steps.size and full.joint_steps.shape[1] == 1201
-    for name, rows in zip(('joint_angle', 'joint_velocity', 'joint_torque'), full.joint_steps):
+    names = 'joint_angle', 'joint_velocity', 'joint_torque'
+    for name, rows in zip(names, full.joint_steps, strict=True):
         assert np.array_equal(rows[::20], getattr(full, name)), name
 
 
@@ -366,7 +367,7 @@ def test_a_window_of_whole_cycles_ends_with_the_run():
     assert windowed(of='peak_torque', cycles=2)(trajectory) == 1.0
     assert windowed(of='peak_torque', cycles=3)(trajectory) == 9.0
     assert windowed(of='speed', cycles=3)(trajectory) == pytest.approx(0.5)
-    with pytest.raises(MetricError, match='the window from -0.5 s to 2 s is not within'):
+    with pytest.raises(MetricError, match=r'the window from -0\.5 s to 2 s is not within'):
         windowed(of='speed', cycles=5)(trajectory)
     uneven = wave | {'gait.pitch.amplitude': 0.1, 'gait.pitch.angular_frequency': 9.0}
     for robot in ({}, uneven):

@@ -61,7 +61,7 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Any]:
         If a number is not above 0.
 
     """
-    from snake_sim_ros.studies import workers
+    from snake_sim_ros.studies import table, workers
 
     for name in ('threads', 'processes'):
         number = getattr(options, name)
@@ -69,7 +69,10 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Any]:
             raise ParameterError(f'--{name} must be at least 1, got {number}')
     if options.scheduler is not None:
         # What happens to a cluster is one sentence of this command, not pages of its log.
-        logging.getLogger('distributed').setLevel(logging.CRITICAL)
+        # Dask sets both levels when it is imported.
+        table.optional('distributed', 'a cluster needs Dask')
+        for name in ('distributed', 'distributed.client'):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         return workers.cluster(options.scheduler)
     if options.processes is not None:
         return workers.processes(options.processes)

@@ -43,7 +43,8 @@ def write_npz(
     trajectory : Trajectory
     path : Path
     sensors : mapping, optional
-        More arrays by their names, as `recorded_sensors` returns them, or `velocity`.
+        More arrays by their names, as `recorded_sensors` returns them, or `velocity`
+        and `joint_steps` of the trajectory.
 
     """
     arrays: dict[str, Any] = {name: getattr(trajectory, name) for name in ARRAYS}
@@ -86,6 +87,7 @@ def read_npz(path: Path) -> Trajectory:
             scene=scene_from_text(texts['scene']),
             **{name: data[name] for name in ARRAYS},
             velocity=data.get('velocity', np.zeros(0)),
+            joint_steps=data.get('joint_steps', np.zeros(0)),
             report=report_from_text(texts['report']),
             seconds=float(data['seconds']),
             interrupted=bool(data['interrupted']),

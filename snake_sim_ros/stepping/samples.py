@@ -59,6 +59,12 @@ class Samples(NamedTuple):
         count = self.reached_by(steps)
         return Samples(self.every, self.first, *(array[:count] for array in self[2:]))
 
+    def take(self, every: 'Samples') -> None:
+        """Fill those that are reached by steps with samples after each of them."""
+        count, last = self.reached_by(len(every.q)), len(every.q)
+        for own, array in zip(self[2:], every[2:], strict=True):
+            own[:count] = array[self.first - 1 : last : self.every][:count]
+
     def add(self, step: int, state: State, history: History, torque: Array, span: float) -> None:
         """Fill the sample after a step, counted from 0, if there is one."""
         row = row_after(step, self.every, self.first, len(self.q))

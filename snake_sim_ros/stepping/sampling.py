@@ -25,6 +25,7 @@ LEVELS = np.array(['spatial', 'planar'])
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
 LEAST_STEPS, MOST_STEPS = 100, 20_000  # of a call, whose references are in memory
 PORTION_SECONDS = 0.1  # wall time that a call is to take [s]
+MOST_KEPT = 1000  # steps of a call whose states are all in memory
 SHORTEST = PORTION_SECONDS / 32  # wall time of a call up to which the next one may be so long [s]
 
 
@@ -38,11 +39,14 @@ class Keep(NamedTuple):
         Points and forces of the contacts that carry load.
     impulses : bool
         Impulses of all contacts, closed or not.
+    joints : bool
+        The joints after every step, see `Trajectory.joint_steps`.
 
     """
 
     contacts: bool = False
     impulses: bool = False
+    joints: bool = False
 
 
 class Limits(NamedTuple):
@@ -106,9 +110,15 @@ def joint_motion(robot: Robot, q: Array, u: Array) -> tuple[Array, Array]:
     return coordinate[..., 0], coordinate[..., 1]
 
 
+def joint_rows(robot: Robot, samples: Samples) -> Array:
+    """Return the rows of samples in `Trajectory.joint_steps`, shape (3, m, axes)."""
+    rows = *joint_motion(robot, samples.q, samples.u), samples.torque
+    return np.stack([robot.by_axis(item) for item in rows])
+
+
 def trajectory_of(
     scene: Scene, samples: Samples, keep: Keep, report: Report, seconds: float, *,
-    interrupted: bool,
+    interrupted: bool, joint_steps: Array | None = None,
 ) -> Trajectory:  # fmt: skip
     """
     Return the record of samples, the first of which is the start.
@@ -122,6 +132,8 @@ def trajectory_of(
     seconds : float
         See `Trajectory`.
     interrupted : bool
+    joint_steps : ndarray, optional
+        See `Trajectory`.
 
     """
     m, q, u = len(samples.q), samples.q, samples.u
@@ -150,12 +162,14 @@ def trajectory_of(
         interrupted=interrupted,
         velocity=u,
         impulse=samples.impulse if keep.impulses else np.zeros((m, 0)),
+        joint_steps=np.zeros(0) if joint_steps is None else joint_steps,
     )
 
 
 class Advances(Protocol):
     """What takes the steps: a `Simulation`."""
 
+    scene: Scene
     step_count: int
     report: Report
 
@@ -170,11 +184,17 @@ class Advances(Protocol):
 
 
 class Portions:
-    """Calls of `Simulation.advance` with the gait of the scene, and their wall time."""
+    """
+    Calls of `Simulation.advance` with the gait of the scene, and their wall time.
+
+    `joints` is as in `Keep`; `joint_steps` are then those of every step, in portions.
+    """
 
     def __init__(
-        self, simulation: Advances, samples: Samples, limits: Limits, portion: int, timed: bool
-    ) -> None:
+        self, simulation: Advances, samples: Samples, limits: Limits, portion: int, timed: bool,
+        *, joints: bool = False,
+    ) -> None:  # fmt: skip
+        self.joints, self.joint_steps = joints, list[Array]()
         self.simulation, self.samples, self.limits = simulation, samples, limits
         self.time_references, self.seconds = timed, 0.0
         self.is_cautious = not math.isinf(limits.unconverged)
@@ -191,10 +211,18 @@ class Portions:
     def __call__(self, most: int) -> None:
         """Take a portion of steps, at most so many."""
         simulation, count = self.simulation, min(self.portion, most)
+        if self.joints:
+            count = min(count, MOST_KEPT)
         begin = time.perf_counter() if self.time_references else math.nan
         reference, compiled = simulation.gait_reference(count), simulation.compile_seconds
         begin = begin if self.time_references else time.perf_counter()
-        simulation.advance(*reference, self.samples.after(self.done))
+        samples, done = self.samples.after(self.done), self.done
+        every = make_samples(simulation.scene, 1, count) if self.joints else samples
+        simulation.advance(*reference, every)
+        if self.joints:
+            every = every.until(self.done - done)
+            samples.take(every)
+            self.joint_steps.append(joint_rows(simulation.scene.robot, every))
         compiled = simulation.compile_seconds - compiled
         seconds = time.perf_counter() - begin - compiled
         self.seconds += seconds

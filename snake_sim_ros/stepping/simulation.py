@@ -28,6 +28,7 @@ from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.sampling import (
     begun_samples,
     joint_motion,
+    joint_rows,
     Keep,
     LEAST_STEPS,
     Limits,
@@ -461,7 +462,9 @@ def sample(
     """
     now = simulation.state, simulation.history, simulation.last
     found = begun_samples(simulation.scene, *now, steps, samples)
-    advance = Portions(simulation, found.after(0), limits, portion, time_references)
+    advance = Portions(
+        simulation, found.after(0), limits, portion, time_references, joints=keep.joints
+    )
     interrupted = False
     try:
         if observe:
@@ -477,7 +480,11 @@ def sample(
             raise
         interrupted = True
     kept = found.until(advance.in_time), keep, simulation.report, advance.seconds
-    return trajectory_of(simulation.scene, *kept, interrupted=interrupted)
+    joint_steps = None
+    if keep.joints:
+        rows = [joint_rows(simulation.scene.robot, found.until(0)), *advance.joint_steps]
+        joint_steps = np.concatenate(rows, axis=1)[:, : advance.in_time + 1]
+    return trajectory_of(simulation.scene, *kept, interrupted=interrupted, joint_steps=joint_steps)
 
 
 def simulate(

@@ -3,6 +3,7 @@
 """The record of a run: poses, joints and contacts of a robot over time."""
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,15 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Report
 
 KINDS = {'f': 'floats', 'i': 'integers', 'U': 'text'}  # of numbers in arrays
+
+
+class JointMotion(NamedTuple):
+    """The joints over time, rows at k instants; columns as in `Trajectory`."""
+
+    time: Array  # (k,) [s]
+    angle: Array  # (k, axes) [rad]
+    velocity: Array  # (k, axes) [rad/s]
+    torque: Array  # (k, axes) of the step before, 0 at the start [N m]
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,9 @@ class Trajectory:
     impulse : ndarray, shape (m, contacts, 5)
         Contact impulses of the step before, as in `state.History`, 0 at the start [N s]; empty if
         they were not kept.
+    joint_steps : ndarray, shape (3, k, axes)
+        `joint_angle`, `joint_velocity` and `joint_torque` at the start and after every step; empty
+        if they were not kept.
 
     """
 
@@ -73,11 +86,21 @@ class Trajectory:
     interrupted: bool
     velocity: Array = field(default_factory=lambda: np.zeros(0))
     impulse: Array = field(default_factory=lambda: np.zeros(0))
+    joint_steps: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def coordinates(self) -> Array:
         """Coordinates of the links as in `state.State`, shape (m, n, 7)."""
         return np.concatenate([self.position, self.orientation], axis=-1)
+
+    @property
+    def joints(self) -> JointMotion:
+        """The joints at the start and after every step, or at the samples if only those exist."""
+        if not self.joint_steps.size:
+            motion = self.joint_angle, self.joint_velocity, self.joint_torque
+            return JointMotion(self.time, *motion)
+        steps = np.arange(self.joint_steps.shape[1])
+        return JointMotion(self.time[0] + steps * self.scene.dt, *self.joint_steps)
 
     @property
     def axis(self) -> Array:
@@ -102,6 +125,24 @@ class Trajectory:
         arrays['contact_sample'] //= stride
         return replace(self, **arrays)
 
+    def between(self, begin: float, end: float) -> 'Trajectory':
+        """
+        Return the part from one time to another [s], whose times stay.
+
+        Its ends are the samples next to these times, and the joints those of all steps
+        between them.
+        """
+        half = (self.time[1] - self.time[0]) / 2 if len(self.time) > 1 else 0.0
+        first, last = np.searchsorted(self.time, [begin - half, end + half])
+        inside = (self.contact_sample >= first) & (self.contact_sample < last)
+        arrays = {name: getattr(self, name)[first:last] for name in OF_SAMPLES}
+        arrays |= {name: getattr(self, name)[inside] for name in OF_CONTACTS}
+        arrays['contact_sample'] = arrays['contact_sample'] - first
+        if self.joint_steps.size and len(arrays['time']):
+            ends = np.rint((arrays['time'][[0, -1]] - self.time[0]) / self.scene.dt).astype(int)
+            arrays['joint_steps'] = self.joint_steps[:, ends[0] : ends[1] + 1]
+        return replace(self, **arrays)
+
     def check(self) -> None:
         """
         Check that all arrays belong to one run of the scene.
@@ -123,6 +164,11 @@ class Trajectory:
             (('contact_point', 'contact_force'), 'f', (k, 3)),
             (('level',), 'U', (m,)),
             (('velocity',), 'f', (m, n, 6) if self.velocity.size else self.velocity.shape),
+            (
+                ('joint_steps',),
+                'f',
+                (3, np.shape(self.joint_steps)[1], axes) if self.joint_steps.ndim == 3 else (0,),
+            ),
         ):
             for name in names:
                 array = getattr(self, name)

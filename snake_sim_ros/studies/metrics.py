@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is measured in a run: a number of its trajectory, by a name or a function of the user."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 import hashlib
 from importlib import import_module
 import inspect
@@ -16,15 +17,97 @@ import numpy as np
 
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.checked_records import nearest, ParameterError, quoted
+from snake_sim_ros.scene.checked_records import (
+    CheckedRecord,
+    from_mapping,
+    nearest,
+    ParameterError,
+    quantity,
+    quoted,
+)
+from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Measure = Callable[[Trajectory], Any]
 
 
+WINDOW_EXAMPLE = '{steady_torque: {of: peak_torque, begin: 1}}'
+
+
 class MetricError(ParameterError):
     """A metric has no number for a trajectory; the message says which and why."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window(CheckedRecord):
+    """The part of a run from which a metric is computed, and the share of a maximum."""
+
+    of: str = quantity('', '', 'the metric, by its name or as module:function')
+    begin: float = quantity(0.0, 's', 'time at which it begins', minimum=0)
+    end: float = quantity(0.0, 's', 'time at which it ends (0 = the end of the run)', minimum=0)
+    cycles: int = quantity(0, '1', 'gait cycles up to its end, in place of begin', minimum=0)
+    quantile: float = quantity(
+        1.0, '1', 'share of the time in which a maximum is not exceeded', above=0, maximum=1
+    )
+
+    def __post_init__(self) -> None:
+        """Check every field, and that the window has a length."""
+        super().__post_init__()
+        if 0.0 < self.end <= self.begin:
+            raise ParameterError(f'end must be after begin, {self.begin:g} s, got {self.end:g} s')
+        if self.cycles and self.begin:
+            raise ParameterError(
+                f'a window has begin or cycles, got begin {self.begin:g} s and cycles '
+                f'{self.cycles}'
+            )
+
+    def of_trajectory(self, trajectory: Trajectory) -> Trajectory:
+        """
+        Return the part of a trajectory; its ends are the nearest samples.
+
+        Raises
+        ------
+        MetricError
+            If the trajectory does not reach so far.
+
+        """
+        last = float(trajectory.time[-1])
+        end = self.end or last
+        begin = end - self.cycles * cycle(trajectory.scene.gait) if self.cycles else self.begin
+        rounding = 1e-9 * max(1.0, last)
+        if begin < -rounding or end > last + rounding or not begin < end:
+            raise MetricError(
+                f'the window from {begin:.6g} s to {end:.6g} s is not within the run of {last:g} s'
+            )
+        part = trajectory.between(begin, end)
+        if len(part.time) < 2:
+            raise MetricError(
+                f'the window from {begin:.6g} s to {end:.6g} s is shorter than a sample: '
+                f'raise rate'
+            )
+        return part
+
+
+def cycle(gait: Gait) -> float:
+    """
+    Return the period of a gait, that of its slowest part [s].
+
+    Raises
+    ------
+    MetricError
+        If nothing in it repeats, or its parts do not repeat together.
+
+    """
+    waves = [wave for wave in (gait.yaw, gait.pitch) if wave.amplitude and wave.angular_frequency]
+    periods = [2.0 * math.pi / abs(wave.angular_frequency) for wave in waves]
+    if gait.table.repeat:
+        periods.append(gait.table.time[-1] - gait.table.time[0])
+    longest = max(periods, default=0.0)
+    ratios = [longest / period for period in periods]
+    if not periods or any(abs(ratio - round(ratio)) > 1e-6 * ratio for ratio in ratios):
+        raise MetricError('the gait has no cycle: name begin and end in place of cycles')
+    return longest
 
 
 @dataclass(frozen=True)
@@ -41,6 +124,10 @@ class Metric:
         '1' for a pure number, '' if it is not known.
     contacts : bool
         Whether it needs the contacts of the trajectory.
+    joints : bool
+        Whether it needs the joints after every step.
+    window : Window or None
+        From which it is computed; the whole run if there is none.
     digest : str
         Names the source of a function of the user; empty for those of METRICS.
 
@@ -51,11 +138,13 @@ class Metric:
     unit: str = ''
     contacts: bool = True
     digest: str = ''
+    joints: bool = True
+    window: Window | None = None
 
     @property
     def identity(self) -> str:
-        """The name, for a function of the user with its digest: what names a number for good."""
-        return f'{self.name} {self.digest}'.strip()
+        """The name, with the digest and the window if there are any: what names it for good."""
+        return f'{self.name} {self.digest} {self.window or ""}'.strip()
 
     def __call__(self, trajectory: Trajectory) -> float:
         """
@@ -68,9 +157,11 @@ class Metric:
 
         """
         try:
+            if self.window:
+                trajectory = self.window.of_trajectory(trajectory)
             value = self.function(trajectory)
-        except MetricError:
-            raise
+        except MetricError as error:
+            raise MetricError(f'metric {self.name}: {error}') from None
         except Exception as error:  # whatever a function of the user raises is a row's failure
             raise MetricError(
                 f'metric {self.name} raised {type(error).__name__}: {error}'
@@ -115,7 +206,7 @@ def sideways(trajectory: Trajectory) -> float:
 
 def speed(trajectory: Trajectory) -> float:
     """Return the magnitude of the mean velocity of the center of mass, |d| / T [m/s]."""
-    return distance(trajectory) / float(trajectory.time[-1])
+    return distance(trajectory) / float(trajectory.time[-1] - trajectory.time[0])
 
 
 def direction(trajectory: Trajectory) -> float:
@@ -131,10 +222,11 @@ def energy(trajectory: Trajectory) -> float:
     """
     Return the mechanical work of the joints without recovery, int sum_j |tau_j phi'_j| dt [J].
 
-    The integral is that of the trapezoidal rule over the samples.
+    The integral is that of the trapezoidal rule over the steps.
     """
-    power = np.abs(trajectory.joint_torque * trajectory.joint_velocity).sum(axis=1)
-    return float(((power[1:] + power[:-1]) * np.diff(trajectory.time)).sum() / 2)
+    time, _, rate, torque = trajectory.joints
+    power = np.abs(torque * rate).sum(axis=1)
+    return float(((power[1:] + power[:-1]) * np.diff(time)).sum() / 2)
 
 
 def cost_of_transport(trajectory: Trajectory) -> float:
@@ -169,20 +261,33 @@ def slip(trajectory: Trajectory) -> float:
     return float(weighted.sum() / load.sum()) if load.sum() > 0.0 else 0.0
 
 
-def peak_torque(trajectory: Trajectory) -> float:
-    """Return the largest joint torque, max |tau_j| over joints, axes and samples [N m]."""
-    return float(np.abs(trajectory.joint_torque).max(initial=0.0))
+def peak_torque(trajectory: Trajectory, quantile: float = 1.0) -> float:
+    """Return the largest joint torque, max |tau_j| over joints, axes and steps [N m]."""
+    return _largest(trajectory.joints.torque, quantile)
 
 
-def angle_error(trajectory: Trajectory) -> float:
+def angle_error(trajectory: Trajectory, quantile: float = 1.0) -> float:
     """Return the largest difference of a joint angle from its reference of the gait [rad]."""
-    robot = trajectory.scene.robot
-    wanted, _ = gait.reference(trajectory.scene.gait, trajectory.time, robot.link_count - 1)
-    return float(np.abs(trajectory.joint_angle - robot.by_axis(wanted)).max(initial=0.0))
+    robot, joints = trajectory.scene.robot, trajectory.joints
+    wanted, _ = gait.reference(trajectory.scene.gait, joints.time, robot.link_count - 1)
+    return _largest(joints.angle - robot.by_axis(wanted), quantile)
 
 
+def _largest(values: Array, quantile: float) -> float:
+    """Return the value that the largest of a row does not exceed in a share of the rows."""
+    largest = np.abs(values).max(axis=1, initial=0.0)
+    return float(np.quantile(largest, quantile, method='inverted_cdf'))
+
+
+MAXIMA = (peak_torque, angle_error)  # which take a quantile
 METRICS: dict[str, Metric] = {
-    function.__name__: Metric(function.__name__, function, unit, contacts=function is slip)
+    function.__name__: Metric(
+        function.__name__,
+        function,
+        unit,
+        contacts=function is slip,
+        joints=function in (energy, cost_of_transport, *MAXIMA),
+    )
     for function, unit in (
         (distance, 'm'),
         (forward, 'm'),
@@ -229,8 +334,9 @@ def metric_of(source: Any, folder: Path | None = None) -> Metric:
 
     Parameters
     ----------
-    source : str or callable or Metric
-        A name of METRICS, ``module:function``, or a function of a trajectory.
+    source : str or callable or Metric or mapping
+        A name of METRICS, ``module:function``, a function of a trajectory, or a new name ->
+        the fields of its `Window`.
     folder : Path, optional
         Where the module may be, besides the folders of Python's path.
 
@@ -244,6 +350,8 @@ def metric_of(source: Any, folder: Path | None = None) -> Metric:
         return source
     if callable(source):
         return Metric(getattr(source, '__name__', repr(source)), source, digest=_digest(source))
+    if isinstance(source, Mapping):
+        return _windowed(source, folder)
     if not isinstance(source, str):
         raise ParameterError(f'metrics must be names or functions, got {quoted(source)}')
     if ':' not in source:
@@ -255,6 +363,30 @@ def metric_of(source: Any, folder: Path | None = None) -> Metric:
         return METRICS[source]
     function = _imported(source, folder)
     return Metric(source, function, digest=_digest(function))
+
+
+def _windowed(source: Mapping[Any, Any], folder: Path | None) -> Metric:
+    """Return the metric of a part of a run that a mapping of its name describes."""
+    name, given = next(iter(source.items()), ('', None))
+    if len(source) != 1 or not isinstance(name, str) or not name.isidentifier():
+        raise ParameterError(
+            f'metrics: a window must be like {WINDOW_EXAMPLE}, got {quoted(dict(source))}'
+        )
+    window: Window = from_mapping(Window, given, f'metrics: {name}')
+    if name in METRICS or not window.of:
+        what = 'needs a name of its own' if window.of else 'has no metric'
+        raise ParameterError(f'metrics: {name} {what}; it must be like {WINDOW_EXAMPLE}')
+    metric = metric_of(window.of, folder)
+    function = metric.function
+    if window.quantile < 1.0:
+        if function not in MAXIMA:
+            maxima = ' and '.join(item.__name__ for item in MAXIMA)
+            raise ParameterError(
+                f'metrics: {name}: quantile is for {maxima}, got quantile {window.quantile:g} of '
+                f'{window.of}'
+            )
+        function = partial(function, quantile=window.quantile)
+    return replace(metric, name=name, function=function, window=window)
 
 
 def metrics_of(sources: Sequence[Any], folder: Path | None = None) -> tuple[Metric, ...]:

@@ -76,7 +76,10 @@ class Plan:
     @property
     def keep(self) -> Keep:
         """What a trajectory must have."""
-        return Keep(contacts=bool(self.folder) or any(item.contacts for item in self.metrics))
+        return Keep(
+            contacts=bool(self.folder) or any(item.contacts for item in self.metrics),
+            joints=bool(self.folder) or any(item.joints for item in self.metrics),
+        )
 
 
 @dataclass(frozen=True)
@@ -277,7 +280,8 @@ class _Runner:
         path = trajectory_file(self.plan, result['key'])
         if path and not result['trajectory']:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_npz(trajectory, path, {'velocity': trajectory.velocity})
+            more = {name: getattr(trajectory, name) for name in ('velocity', 'joint_steps')}
+            write_npz(trajectory, path, more)
             result['trajectory'] = path.name
 
     def _measure(self, trajectory: Trajectory, result: Result) -> None:

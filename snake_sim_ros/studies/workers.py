@@ -46,6 +46,8 @@ GROWTH = 4  # a chunk has at most so many times the runs of the one before
 WAITING = 2  # chunks for each worker, one under way and one that waits
 LOCAL = 'local'  # in place of the address of a scheduler: a cluster on this machine
 CONNECT_SECONDS = 20  # for which the scheduler may not answer
+WORKER_SECONDS = 5  # for which a cluster may have no worker
+GONE = 'the scheduler has gone; the rows that are done are kept: start the study again'
 PoolT = TypeVar('PoolT', bound=Executor)
 
 
@@ -123,7 +125,7 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
     Raises
     ------
     ParameterError
-        If Dask is not installed, or no scheduler answers.
+        If Dask is not installed, no scheduler answers, or there is no worker for WORKER_SECONDS.
 
     """
     distributed = optional('distributed', 'a cluster needs Dask')
@@ -145,8 +147,20 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
         future: Future[list[Result]] = pool.submit(run_on_cluster, plan, rows)
         return future
 
+    def capacity() -> int:
+        try:
+            client.wait_for_workers(1, timeout=WORKER_SECONDS)
+            return max(1, sum(map(int, client.nthreads().values())))
+        except TimeoutError:
+            raise ParameterError(
+                f'the Dask cluster at {address} has had no worker for {WORKER_SECONDS} s: start '
+                f'one with dask worker {address}'
+            ) from None
+        except (OSError, ValueError):  # ValueError: the client has closed itself
+            raise ParameterError(GONE) from None
+
     try:
-        yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), deaths)
+        yield Workers(submit, capacity, deaths)
     finally:
         client.close()
         if local:
@@ -230,7 +244,8 @@ def _run(plan: Plan, rows: Sequence[Row], workers: Workers) -> Iterator[list[Res
             chunk = rows[begun : begun + size]
             waiting[workers.submit(plan, chunk)] = chunk
             begun += size
-        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+        # Now and then it is looked whether there are workers.
+        for future in wait(waiting, WORKER_SECONDS, FIRST_COMPLETED).done:
             chunk = waiting.pop(future)
             results = _result(future, plan, chunk, workers)
             seconds = sum(result['seconds'] for result in results)
@@ -253,6 +268,9 @@ def _result(
             'a process of the study was killed; the rows that are done are kept: start it again'
         ) from None
     except CancelledError:
+        raise ParameterError(GONE) from None
+    except ModuleNotFoundError as error:
         raise ParameterError(
-            'the scheduler has gone; the rows that are done are kept: start the study again'
+            f'a process of the cluster has no module {error.name}, which a metric of the study '
+            f'needs: name its folder in PYTHONPATH of the scheduler and all workers'
         ) from None

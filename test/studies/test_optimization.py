@@ -353,7 +353,8 @@ def test_the_example_runs_and_its_scene_is_one(tmp_path, capsys):
     content = yaml.safe_load(EXAMPLE.read_text(encoding='utf-8'))
     assert content['check'] == {'method': 'newton', 'dt': 0.00025}
     content['set']['duration'] = 0.5
-    content['constraints'] = ['peak_torque <= 100']
+    content['metrics'] = [{'steady': {'of': 'peak_torque', 'begin': 0.25}}]
+    content['constraints'] = ['steady <= 100']
     content['stop'] = {'evaluations': 6}
     path, out = tmp_path / 'short.yaml', tmp_path / 'short.csv'
     path.write_text(yaml.safe_dump(content))

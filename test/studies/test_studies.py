@@ -15,12 +15,13 @@ from snake_sim_ros import ParameterError, Report, Scene, study
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, samples_of, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.simulation import simulate
-from snake_sim_ros.stepping.trajectory import Trajectory
+from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES, Trajectory
 from snake_sim_ros.studies import runs, workers
-from snake_sim_ros.studies.metrics import METRICS, USUAL_METRICS
+from snake_sim_ros.studies.metrics import metric_of, MetricError, METRICS, USUAL_METRICS
 from snake_sim_ros.studies.study import load_study, study_from, STUDY_KEYS, StudySettings
 from snake_sim_ros.studies.table import Journal, journal_of
 from snake_sim_ros.studies.variations import Listed, Normal, Range, Variations
@@ -148,6 +149,25 @@ BAD = [
     ({'metrics': 'speed'}, "metrics must be a list such as .*, got 'speed'"),
     ({'metrics': ['spede']}, "metrics: unknown name 'spede'; did you mean 'speed'?"),
     ({'metrics': ['speed', 'speed']}, 'metrics: speed is given twice'),
+    (
+        {'metrics': [{'steady': {'of': 'peak_torque', 'begn': 1}}]},
+        "metrics: steady: unknown key 'begn'; did you mean 'begin'?",
+    ),
+    ({'metrics': [{'steady': {'begin': 1}}]}, 'metrics: steady has no metric; it must be like'),
+    ({'metrics': [{'speed': {'of': 'speed'}}]}, 'metrics: speed needs a name of its own'),
+    ({'metrics': [{}]}, 'metrics: a window must be like {steady_torque'),
+    (
+        {'metrics': [{'steady': {'of': 'speed', 'begin': 2, 'end': 1}}]},
+        'end must be after begin, 2 s, got 1 s',
+    ),
+    (
+        {'metrics': [{'steady': {'of': 'speed', 'begin': 2, 'cycles': 1}}]},
+        'a window has begin or cycles, got begin 2 s and cycles 1',
+    ),
+    (
+        {'metrics': [{'steady': {'of': 'speed', 'quantile': 0.9}}]},
+        'quantile is for peak_torque and angle_error, got quantile 0.9 of speed',
+    ),
     ({'metrics': [3]}, 'metrics must be names or functions, got 3'),
     ({'metrics': ['no_such_module:f']}, 'module no_such_module cannot be imported'),
     ({'metrics': ['math:hypo']}, "module math has no function 'hypo'; did you mean 'hypot'?"),
@@ -281,9 +301,90 @@ def test_metrics_are_those_of_the_same_run_alone():
     scene = with_settings(scene, SHORT)
     names = list(METRICS)
     frame = study('lateral_undulation', {'friction.transversal': [0.3]}, names, set=SHORT, rate=40)
-    alone = simulate(with_usual_steps(scene, (), 1 / 40), rate=40.0)
+    scene = with_usual_steps(scene, (), 1 / 40)
+    keep = Keep(contacts=True, joints=True)
+    alone = sample(Simulation(scene), *samples_of(scene, 40.0), keep=keep)
     for name in names:
         assert frame[name][0] == measured(name, alone), name
+
+
+def test_peaks_and_integrals_are_those_of_the_steps():
+    fine = {'duration': 0.5, 'dt': 0.0025}
+    names = ['energy', 'peak_torque', 'angle_error', 'slip']
+    vary = {'friction.transversal': [0.3]}
+    coarse, full = (
+        study('lateral_undulation', vary, names, set=fine, rate=rate).row(0, named=True)
+        for rate in (20, 400)
+    )
+    for name in names[:3]:
+        assert coarse[name] == full[name], name
+    assert coarse['slip'] != full['slip']
+
+
+def test_joints_of_every_step_leave_the_run_alone():
+    scene = with_settings(load_scene('lateral_undulation'), {'duration': 3.0, 'dt': 0.0025})
+    keep = Keep(contacts=True, impulses=True)
+    plain = sample(Simulation(scene), 20, 60, keep=keep)
+    full = sample(Simulation(scene), 20, 60, keep=keep._replace(joints=True))
+    for name in (*OF_SAMPLES, *OF_CONTACTS):
+        assert np.array_equal(getattr(plain, name), getattr(full, name)), name
+    assert not plain.joint_steps.size and full.joint_steps.shape[1] == 1201
+    names = 'joint_angle', 'joint_velocity', 'joint_torque'
+    for name, rows in zip(names, full.joint_steps, strict=True):
+        assert np.array_equal(rows[::20], getattr(full, name)), name
+
+
+def windowed(**given):
+    return metric_of({'part': given})
+
+
+def test_a_window_is_a_part_of_the_run():
+    trajectory = moving((-0.5, 0.0))
+    time = trajectory.time
+    trajectory.joint_torque[:, 0] = np.where(time < 0.25, 9.0, time)
+    trajectory.joint_velocity[:, 0] = 2.0
+    assert windowed(of='peak_torque')(trajectory) == 9.0
+    assert windowed(of='peak_torque', begin=0.5)(trajectory) == 2.0
+    assert windowed(of='peak_torque', begin=0.5, end=1.5)(trajectory) == 1.5
+    assert windowed(of='energy', begin=1.0, end=2.0)(trajectory) == pytest.approx(3.0)
+    assert windowed(of='distance', begin=1.0, end=1.5)(trajectory) == pytest.approx(0.25)
+    assert windowed(of='speed', begin=1.0, end=1.5)(trajectory) == pytest.approx(0.5)
+    assert windowed(of='slip', begin=1.0, end=1.5)(trajectory) == pytest.approx(0.5)
+    assert windowed(of='angle_error', begin=1.0)(trajectory) == 0.0
+    # The largest torques of the 21 samples are 9, 9, 9, 2.0, 1.9: at most 2.0 in 18/21 of them.
+    assert windowed(of='peak_torque', quantile=18 / 21)(trajectory) == 2.0
+    assert windowed(of='peak_torque', quantile=17 / 21)(trajectory) == pytest.approx(1.9)
+    with pytest.raises(MetricError, match='metric part: the window from 1 s to 3 s is not within'):
+        windowed(of='speed', begin=1.0, end=3.0)(trajectory)
+    with pytest.raises(MetricError, match='shorter than a sample: raise rate'):
+        windowed(of='speed', begin=1.01, end=1.02)(trajectory)
+
+
+def test_a_window_of_whole_cycles_ends_with_the_run():
+    wave = {'gait.yaw.amplitude': 0.5, 'gait.yaw.angular_frequency': 2 * math.pi / 0.5}
+    trajectory = moving((-0.5, 0.0), robot=wave)
+    trajectory.joint_torque[:, 0] = np.where(trajectory.time < 0.95, 9.0, 1.0)
+    assert windowed(of='peak_torque', cycles=2)(trajectory) == 1.0
+    assert windowed(of='peak_torque', cycles=3)(trajectory) == 9.0
+    assert windowed(of='speed', cycles=3)(trajectory) == pytest.approx(0.5)
+    with pytest.raises(MetricError, match=r'the window from -0\.5 s to 2 s is not within'):
+        windowed(of='speed', cycles=5)(trajectory)
+    uneven = wave | {'gait.pitch.amplitude': 0.1, 'gait.pitch.angular_frequency': 9.0}
+    for robot in ({}, uneven):
+        with pytest.raises(MetricError, match='the gait has no cycle: name begin and end'):
+            windowed(of='speed', cycles=1)(moving((-0.5, 0.0), robot=robot))
+
+
+def test_windows_are_columns_that_a_kept_trajectory_gives(tmp_path, monkeypatch):
+    steady = {'steady': {'of': 'peak_torque', 'begin': 0.25}}
+    keep = {'set': SHORT, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
+    expected = study('lateral_undulation', FRICTION, ['peak_torque', steady], set=SHORT)
+    assert (expected['steady'] <= expected['peak_torque']).all()
+    study('lateral_undulation', FRICTION, ['speed'], **keep)
+    monkeypatch.setattr(runs, 'Simulation', None)  # no run is done again
+    frame = study('lateral_undulation', FRICTION, ['peak_torque', steady], **keep)
+    names = ['peak_torque', 'steady']
+    assert frame.select(names).equals(expected.select(names))
 
 
 # ---- the table ----------------------------------------------------------------------------------

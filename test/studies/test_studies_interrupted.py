@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Studies that are killed and go on, and a Dask cluster that loses a worker."""
 
+from concurrent.futures import Future
+from contextlib import nullcontext
 import json
 import os
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, SLOW, stopped
 
 from snake_sim_ros.commands.main import main
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.study import load_study, run_study
 from snake_sim_ros.studies.table import journal_of
@@ -149,3 +152,20 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(tmp_path, monkeypatch, ca
     assert main(['study', 'my.yaml', '--scheduler', 'tcp://127.0.0.1:1']) == 2
     errors = capsys.readouterr().err.splitlines()
     assert 'no Dask scheduler answers at tcp://127.0.0.1:1' in errors[-1]
+
+
+def test_a_cluster_without_workers_is_one_sentence(study, monkeypatch):
+    distributed = pytest.importorskip('distributed')
+    monkeypatch.setattr(workers, 'WORKER_SECONDS', 0.2)
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as scheduler:
+        pool = workers.cluster(scheduler.scheduler_address)
+        with pytest.raises(ParameterError, match=r'has had no worker for 0\.2 s: start one with'):
+            run_study(study, workers=pool)
+
+
+def test_a_module_that_the_cluster_lacks_is_one_sentence(study):
+    future = Future()
+    future.set_exception(ModuleNotFoundError("No module named 'slow'", name='slow'))
+    pool = workers.Workers(lambda plan, rows: future, lambda: 1)
+    with pytest.raises(ParameterError, match='has no module slow, which a metric of the study'):
+        run_study(study, workers=nullcontext(pool))

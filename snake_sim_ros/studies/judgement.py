@@ -262,8 +262,7 @@ def what_is_suggested(
     free = [unknown.name for unknown in found.unknowns]
     taken = {name for unknown in found.unknowns for name in unknown.names}
     before, tried = _mean_square(found), list[tuple[float, list[str], Fit]]()
-    if before <= 1.0:
-        return ()
+    noise = 1.0 if before > 1.0 else 0.0  # which may be less than stated
     for suspects in SUSPECTS:
         names = [name for name in suspects if name not in taken]
         try:
@@ -271,7 +270,7 @@ def what_is_suggested(
         except ParameterError:  # a robot without such a number, or no motion with it
             continue
         if again:
-            share = (before - _mean_square(again)) / (before - 1.0)
+            share = (before - _mean_square(again)) / (before - noise)
             tried.append((min(share, 1.0), names, again))
     tried.sort(key=lambda item: -item[0])
     return tuple(

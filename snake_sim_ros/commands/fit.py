@@ -3,7 +3,8 @@
 """The command `snake-sim fit`: the values of a scene that explain a recorded motion."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import json
 from pathlib import Path
 import time
@@ -60,6 +61,10 @@ def add_fit(subparsers: Any) -> None:
     )  # fmt: skip
     command.add_argument('--out', type=Path, metavar='FILE.yaml', help='the scene that was found')
     command.add_argument('--plot', type=Path, metavar='FILE.png', help='picture of the residuals')
+    command.add_argument(
+        '--force', action='store_true',
+        help='print intervals and write the scene even where the recording is not explained',
+    )  # fmt: skip
 
 
 def _add_recording(command: argparse.ArgumentParser) -> None:
@@ -102,24 +107,25 @@ def _fit(options: argparse.Namespace) -> int:
     begin = time.monotonic()
     plot = _plotter(options)
     replay, scene = _replay(options)
-    with tqdm(unit=' simulations') as bar:
-
-        def progress(count: int, squares: float) -> None:
-            bar.set_postfix_str(f'sum of squares {squares:.6g}', refresh=False)
-            bar.update(count - bar.n)
-
-        unknowns = unknowns_of(replay.scene, options.free, replay.setup)
+    unknowns = unknowns_of(replay.scene, options.free, replay.setup)
+    with _progress('fit') as progress:
         found = fit(
             replay, unknowns, threads=options.threads,
             globally=options.globally, seed=options.seed, progress=progress,
         )  # fmt: skip
     judgement = judge(found, options.seed)
-    suggested = what_is_suggested(found) if judgement.failures else ()
+    suggested: tuple[str, ...] = ()
+    if judgement.failures:
+        with _progress('diagnosis') as progress:
+            suggested = what_is_suggested(found, options.threads, progress)
     result = {
-        **summary(found, judgement), 'suggestions': suggested, 'seconds': time.monotonic() - begin
+        **summary(found, judgement, forced=options.force), 'suggestions': suggested,
+        'seconds': time.monotonic() - begin,
     }  # fmt: skip
-    print('\n'.join([*lines(found, judgement), *suggested]))
-    if options.out:
+    print('\n'.join([*lines(found, judgement, forced=options.force), *suggested]))
+    if options.out and judgement.failures and not options.force:
+        print(f'{options.out} is not written; --force writes it, and prints intervals')
+    elif options.out:
         write_scene(found, scene, options.recording, options.out)
         result['out'] = str(options.out)
     if plot:
@@ -129,6 +135,22 @@ def _fit(options: argparse.Namespace) -> int:
         result['check'] = _check(options, found)
     print(json.dumps(result))
     return 0 if result['explained'] else 1
+
+
+@contextmanager
+def _progress(stage: str) -> 'Iterator[Callable[[int, float], None]]':
+    """Show the simulations of a stage; yields what counts them."""
+    with tqdm(desc=stage, unit=' simulations') as bar:
+        done = 0  # by fits that have ended
+
+        def progress(count: int, squares: float) -> None:
+            nonlocal done
+            if done + count < bar.n:
+                done = bar.n
+            bar.set_postfix_str(f'sum of squares {squares:.6g}', refresh=False)
+            bar.update(done + count - bar.n)
+
+        yield progress
 
 
 def _plotter(options: argparse.Namespace) -> 'Callable[[Fit], None] | None':

@@ -32,12 +32,16 @@ from snake_sim_ros.studies.workers import closing_pool, core_count
 PHYSICS = ('robot.', 'friction.', 'pegs.', 'self_contact_friction')  # prefixes
 FIXED = ('robot.link_count', 'robot.joint_limit', 'robot.joint_rate_limit')
 FARTHEST = math.log(1e3)  # a positive value changes at most by this factor
+LARGEST = 700.0  # logarithm of a number that a computer has, for ends of intervals
 STEP = 0.02  # of differences: a share of a positive value
 LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
 MOST_EVALUATIONS = 60  # of the residuals, besides differences
 NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
 SPREAD_END = 0.01  # share of the box at which a global stage ends
+# Where a search starts if a scene has 0: with a little friction in joints that lie flat, contacts
+# are often not solved, and such segments are lost.
+FROM_ZERO = {'robot.joint_friction': 0.1}  # N m
 FARTHEST_MARKER, FARTHEST_TILT = 0.5, 0.5  # m, rad
 # What belongs to the setup of a measurement, not to a scene: field, distance from its start, unit.
 SETUP = {
@@ -101,7 +105,7 @@ class Unknown:
 
     def value(self, coordinate: float) -> float:
         """Return the value of a coordinate."""
-        found = math.exp(coordinate) if self.is_positive else coordinate
+        found = math.exp(min(coordinate, LARGEST)) if self.is_positive else coordinate
         return min(max(found, self.low), self.high)
 
 
@@ -140,6 +144,7 @@ def unknowns_of(
             found.append(_of_setup(names, setup))
             continue
         start, limits = known[names[0]]
+        start = start or FROM_ZERO.get(names[0], 0.0)
         above = limits['above'] + 1e-12 if limits['above'] >= 0.0 else -math.inf
         low = max(limits['minimum'], above)
         found.append(Unknown(

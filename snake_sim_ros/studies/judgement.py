@@ -18,7 +18,7 @@ Three tests look for what the model does not explain:
 What was found becomes text, JSON and the file of a scene here, too.
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from snake_sim_ros.scene.checked_records import flat_fields
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import write_whole
 from snake_sim_ros.scene.parameters import Array, Scene, scene_to_text, with_settings
-from snake_sim_ros.studies.fit import Fit, LEAST_SIZE, scene_at, SETUP
-from snake_sim_ros.studies.replay import Residual
+from snake_sim_ros.studies.fit import Fit, fit, LEAST_SIZE, OFFSETS, scene_at, SETUP, unknowns_of
+from snake_sim_ros.studies.replay import Replay, with_offsets
 
 CONFIDENCE = 0.95
 FALSE_ALARM = 0.01  # probability that a right model fails the tests
@@ -42,11 +42,17 @@ UNKNOWN = 0.25  # standard deviation, as a share of the value, from which it is 
 CHANGE = 0.1  # change of values whose effect is compared with the noise
 FAINT = 0.5  # effect of that change, as a share of the noise, below which it hardly matters
 LARGE_PART = 0.3  # share of a combination from which a name is said
-SETUP_STEP = 1e-3  # of a number of the setup, for its derivative [s], [m], [rad]
-# Numbers of a robot that scenes often leave at 0, and steps for their derivatives.
-OFTEN_MISSING = {'robot.command_delay': 1e-3, 'robot.joint_friction': 0.1}  # s, N m
-SUGGESTED = 0.3  # share of what is left over from which such a number is suggested
-NOT_EXPLAINED = 'the model does not explain the recording, so the intervals do not hold: '
+# What is tried where a recording is not explained: the setup, and what scenes often leave at 0.
+SUSPECTS = (
+    ('time_offset.joints',),
+    ('time_offset.poses',),
+    ('robot.command_delay',),
+    ('robot.joint_friction',),
+    ('marker.x', 'marker.y', 'marker.z'),
+    ('frame.roll', 'frame.pitch'),
+)
+SUGGESTED = 0.3  # share of what is left over from which others than the best are suggested
+NOT_EXPLAINED = 'the model does not explain the recording, so intervals do not hold: '
 
 
 @dataclass(frozen=True)
@@ -126,8 +132,7 @@ def judge(found: Fit, seed: int = 0) -> Judgement:
     score = -np.array([g for _, g in scores])  # the Jacobian is that of measured minus simulated
     A = curvature.sum(axis=0)
     inverse = np.linalg.pinv(A, hermitian=True)
-    squares = sum(float((item.flat() ** 2).sum()) for item in found.residuals)
-    scale = max(1.0, squares / max(found.freedom, 1))
+    scale = max(1.0, _mean_square(found))
     covariance = scale * inverse
     deviation = np.sqrt(np.diag(covariance))
     bounds = deviation[:, None] * stats.norm.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
@@ -237,62 +242,73 @@ def _failures(
     return tuple(failures)
 
 
-def what_is_suggested(found: Fit) -> tuple[str, ...]:
+def what_is_suggested(
+    found: Fit,
+    threads: int | None = None,
+    progress: Callable[[int, float], object] | None = None,
+) -> tuple[str, ...]:
     """
     Return a sentence for what would explain what a fit does not, the best one first.
 
-    It is a number of the setup of the measurement, or one that robots have and scenes often lack.
-    Alone, with the values that are free, it would take away ``(c . r)^2/c^2`` of the sum of
-    squares, to first order, with the part c of its derivative that is not along those of others.
+    Each of SUSPECTS becomes free alone, besides the values that are, and all are fitted again.
+
+    Parameters
+    ----------
+    found : Fit
+    threads, progress : optional
+        As of `fit`.
+
     """
-    r = _flat(found.residuals)
-    basis, _ = np.linalg.qr(np.concatenate(found.jacobians))
-    free = {name for unknown in found.unknowns for name in unknown.names}
-    over = float(r @ r) - found.freedom
-    shares = []
-    for name, unit, value, c in _derivatives(found, free):
-        c = c - basis @ (basis.T @ c)
-        if (square := float(c @ c)) > 0.0:
-            share, change = float(c @ r) ** 2 / square / over, -float(c @ r) / square
-            if name not in OFTEN_MISSING or value + change > 0.0:
-                shares.append((share, name, value + change, unit))
+    free = [unknown.name for unknown in found.unknowns]
+    taken = {name for unknown in found.unknowns for name in unknown.names}
+    before, tried = _mean_square(found), list[tuple[float, list[str], Fit]]()
+    noise = 1.0 if before > 1.0 else 0.0  # which may be less than stated
+    for suspects in SUSPECTS:
+        names = [name for name in suspects if name not in taken]
+        try:
+            again = _refitted(found, free, names, threads, progress) if names else None
+        except ParameterError:  # a robot without such a number, or no motion with it
+            continue
+        if again:
+            share = (before - _mean_square(again)) / (before - noise)
+            tried.append((min(share, 1.0), names, again))
+    tried.sort(key=lambda item: -item[0])
     return tuple(
-        f'--free {name}, about {value:.2g} {unit}, would explain {100 * min(share, 1.0):.0f} % of '
-        'what is left over'
-        for share, name, value, unit in sorted(shares, reverse=True)
-        if share > SUGGESTED
+        f'--free {" ".join(names)} removes {100 * share:.0f} % of what is left over, with '
+        + ', '.join(
+            f'{name} at {value:.2g} {unknown.unit}'
+            for name, unknown, value in zip(
+                names, again.unknowns[len(free) :], again.values[len(free) :], strict=True
+            )
+        )
+        for k, (share, names, again) in enumerate(tried)
+        if k == 0 or share > SUGGESTED
     )
 
 
-def _derivatives(found: Fit, free: Container[str]) -> Iterator[tuple[str, str, float, Array]]:
-    """Yield names, units, values and derivatives of the numbers that may be suggested."""
-    replay, setup = found.replay, found.setup
-    fields = {name: field for name, (field, _, _) in SETUP.items() if name not in free}
-    ends = [
-        setup._replace(**{field: getattr(setup, field) + step})
-        for field in fields.values()
-        for step in (-SETUP_STEP, SETUP_STEP)
-    ]
-    flat = [_flat(residuals) for residuals in replay.residuals_of(found.scene, ends)]
-    for name, low, high in zip(fields, flat[::2], flat[1::2], strict=True):
-        field, _, unit = SETUP[name]
-        yield name, unit, getattr(setup, field), (high - low) / (2 * SETUP_STEP)
-    known = flat_fields(found.scene)
-    for name, step in OFTEN_MISSING.items():
-        value, limits = known[name]
-        if name not in free and isinstance(value, float):
-            # From 0, what cannot be negative goes one way only.
-            least, most = max(value - step, 0.0), value + step
-            low, high = (
-                _flat(replay.residuals(with_settings(found.scene, {name: end}), setup=setup))
-                for end in (least, most)
-            )
-            yield name, limits['unit'], value, (high - low) / (most - least)
+def _refitted(
+    found: Fit,
+    free: list[str],
+    names: list[str],
+    threads: int | None,
+    progress: Callable[[int, float], object] | None,
+) -> Fit:
+    """Return the fit with more values free, from where it ended."""
+    last, setup = found.replay, found.setup
+    given = setup if last.margin else None
+    replay = Replay(last.given, found.scene, last.settings, last.law, given)
+    if set(names) & {*OFFSETS}:
+        streams = {SETUP[name][0] for name in (*free, *names) if name in OFFSETS}
+        replay = with_offsets(replay, streams)
+        setup = setup._replace(joints=replay.setup.joints, poses=replay.setup.poses)
+    unknowns = unknowns_of(found.scene, [*free, *names], setup)
+    return fit(replay, unknowns, threads=threads, progress=progress)
 
 
-def _flat(residuals: list[Residual]) -> Array:
-    """Return all numbers of residuals."""
-    return np.concatenate([item.flat() for item in residuals])
+def _mean_square(found: Fit) -> float:
+    """Return the mean square of the residuals in units of the noise, 1 where they are noise."""
+    squares = sum(float((item.flat() ** 2).sum()) for item in found.residuals)
+    return squares / max(found.freedom, 1)
 
 
 def _small(probability: float) -> str:
@@ -351,16 +367,18 @@ def write_scene(found: Fit, scene: Scene, source: Path, path: Path) -> None:
     write_whole(path, f'# Found by snake-sim fit in {source.name}: {numbers}\n{text}')
 
 
-def lines(found: Fit, judgement: Judgement) -> list[str]:
-    """Return what was found in lines of text."""
+def lines(found: Fit, judgement: Judgement, *, forced: bool = False) -> list[str]:
+    """Return what was found in lines of text; intervals that do not hold only if forced."""
     found_lines = []
     rows = zip(found.unknowns, found.values, judgement.interval, judgement.bootstrap, strict=True)
     for unknown, value, (low, high), drawn in rows:
         unit = '' if unknown.unit == '1' else f' {unknown.unit}'
-        found_lines.append(
-            f'{unknown.name}: {value:.5g}{unit}, 95 % within {low:.5g} to {high:.5g} '
-            f'(bootstrap {drawn[0]:.5g} to {drawn[1]:.5g})'
-        )
+        found_lines.append(f'{unknown.name}: {value:.5g}{unit}')
+        if forced or not judgement.failures:
+            found_lines[-1] += (
+                f', 95 % within {low:.5g} to {high:.5g} '
+                f'(bootstrap {drawn[0]:.5g} to {drawn[1]:.5g})'
+            )
     names = [unknown.name for unknown in found.unknowns]
     if len(names) > 1:
         width = max(map(len, names))
@@ -381,8 +399,9 @@ def lines(found: Fit, judgement: Judgement) -> list[str]:
     ]
 
 
-def summary(found: Fit, judgement: Judgement) -> dict[str, Any]:
-    """Return what was found, name -> value as JSON has them."""
+def summary(found: Fit, judgement: Judgement, *, forced: bool = False) -> dict[str, Any]:
+    """Return what was found as JSON has it; intervals that do not hold are None if not forced."""
+    holds = forced or not judgement.failures
     rows = zip(
         found.unknowns, found.values, judgement.deviation, judgement.interval,
         judgement.bootstrap, strict=True,
@@ -391,9 +410,11 @@ def summary(found: Fit, judgement: Judgement) -> dict[str, Any]:
         unknown.name: {
             'value': value,
             'start': unknown.start,
-            'deviation': float(deviation * (value if unknown.is_positive else 1.0)),
-            'interval': interval.tolist(),
-            'bootstrap': drawn.tolist(),
+            'deviation': float(deviation * (value if unknown.is_positive else 1.0))
+            if holds
+            else None,
+            'interval': interval.tolist() if holds else None,
+            'bootstrap': drawn.tolist() if holds else None,
         }
         for unknown, value, deviation, interval, drawn in rows
     }

@@ -198,17 +198,23 @@ def measured_with(recording, setup):
 @pytest.mark.parametrize(
     ('setup', 'suggested'),
     [
-        (Setup(x=0.03, z=0.01), 'marker.x'),
-        (Setup(roll=0.02, pitch=-0.03), 'frame.pitch'),
-        (Setup(poses=0.02), 'time_offset.poses'),
+        (Setup(x=0.03, z=0.01), 'marker.x marker.y marker.z'),
+        (Setup(roll=0.02, pitch=-0.03), 'frame.roll frame.pitch'),
+        (Setup(poses=0.04), 'time_offset.poses'),
     ],
 )
 def test_what_the_setup_explains_is_suggested_and_found(recording, setup, suggested):
     replay = replay_of(measured_with(recording, setup), seed=1)
     wrong = fit(replay, unknowns_of(replay.scene, BOTH))
     assert judge(wrong).failures
-    first = re.match(r'--free (.*), about (.*) [a-z]+, would explain', what_is_suggested(wrong)[0])
-    assert first and first[1] == suggested
+    best = what_is_suggested(wrong)[0]
+    first = re.match(r'--free (.*) removes (.*) % of what is left over, with ', best)
+    assert first and first[1] == suggested and float(first[2]) > 85.0
+    about = {
+        name: float(value)
+        for name, value in re.findall(r'(\S+) at (\S+) (?:m|s|rad)', best[first.end() :])
+    }
+    assert list(about) == suggested.split()
     free = [name for name, (field, _, _) in SETUP.items() if getattr(setup, field) != 0.0]
     if setup.poses:
         replay = with_offsets(replay, {'poses'})
@@ -220,16 +226,17 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
     off = [unknown.coordinate(value) for unknown, value in zip(found.unknowns, true, strict=True)]
     assert (np.abs(found.x - off) < 4 * judgement.deviation).all()
     # What is suggested has that deviation, too, and is rounded to two digits.
-    k, about = [*BOTH, *free].index(suggested), float(first[2])
-    rounding = 0.5 * 10 ** (math.floor(math.log10(abs(about))) - 1)
-    assert abs(about - true[k]) < 4 * judgement.deviation[k] + rounding
+    for name in free:
+        k = [*BOTH, *free].index(name)
+        rounding = 0.5 * 10 ** (math.floor(math.log10(abs(about[name]))) - 1)
+        assert abs(about[name] - true[k]) < 4 * judgement.deviation[k] + rounding, name
 
 
 @pytest.mark.parametrize(
     ('truth', 'suggested'),
     [
-        ({'robot.joint_friction': 0.2}, 'robot.joint_friction, about 0.'),
-        ({'robot.command_delay': 0.02, 'dt': 0.01}, 'robot.command_delay, about 0.02 s'),
+        ({'robot.joint_friction': 0.2}, 'robot.joint_friction at 0.2 N m'),
+        ({'robot.command_delay': 0.02, 'dt': 0.01}, 'robot.command_delay at 0.02 s'),
     ],
 )
 def test_what_a_scene_lacks_is_suggested(truth, suggested):
@@ -237,7 +244,9 @@ def test_what_a_scene_lacks_is_suggested(truth, suggested):
     replay = replay_of(recording, seed=1, **dict.fromkeys(truth.keys() - {'dt'}, 0.0))
     wrong = fit(replay, unknowns_of(replay.scene, BOTH))
     assert judge(wrong).failures
-    assert what_is_suggested(wrong)[0].startswith(f'--free {suggested}')
+    best = what_is_suggested(wrong)[0]
+    assert re.match(rf'--free {suggested.split()[0]} removes (9[5-9]|100) % of what is', best)
+    assert best.endswith(suggested)
 
 
 def test_one_offset_may_be_that_of_both_streams(recording):
@@ -528,6 +537,25 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
         '# Found by snake-sim fit in run.mcap: friction.longitudinal'
     )
     assert plot.stat().st_size > 10_000
+
+
+def test_intervals_and_scenes_that_do_not_hold_are_withheld(recording, tmp_path, capsys):
+    bag, out = tmp_path / 'late.mcap', tmp_path / 'fitted.yaml'
+    late = replace(recording, pose_time=recording.pose_time + 0.03)
+    options = ['fit', str(bag_of(late, bag)), '--free', *BOTH, '--out', str(out)]
+    options += ['--segment', '1', '--burn-in', '1.5']
+    assert main(options) == 1
+    text = capsys.readouterr().out
+    value = json.loads(text.splitlines()[-1])['values'][BOTH[0]]
+    assert value['interval'] is value['bootstrap'] is value['deviation'] is None
+    assert 'within' not in text and f'{out} is not written; --force writes it' in text
+    assert '--free time_offset.poses removes 100 % of what is left over' in text
+    assert not out.exists()
+    assert main([*options, '--force']) == 1
+    text = capsys.readouterr().out
+    low, high = json.loads(text.splitlines()[-1])['values'][BOTH[0]]['interval']
+    assert low < high and ', 95 % within ' in text
+    assert load_scene(str(out)).friction.longitudinal > 0.0
 
 
 @pytest.mark.parametrize(

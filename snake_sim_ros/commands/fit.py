@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from snake_sim_ros.studies.replay import Replay
 
 GLOBAL = 400  # simulations of a global stage
+MOST_START = 0.1  # effect of an error of the start, in units of the noise, that is not said
 FINER = 4  # times shorter steps of synthetic recordings
 
 
@@ -103,11 +104,19 @@ def _fit(options: argparse.Namespace) -> int:
         what_is_suggested,
         write_scene,
     )
+    from snake_sim_ros.studies.replay import start_effect, START_ERROR
 
     begin = time.monotonic()
     plot = _plotter(options)
     replay, scene = _replay(options)
     unknowns = unknowns_of(replay.scene, options.free, replay.setup)
+    if (effect := start_effect(replay)) > MOST_START:
+        print(
+            f'the recording tells little: the robot does not forget the start of a segment, an '
+            f'error of {START_ERROR:g} rad there is {effect:.2g} times the noise after the '
+            f'burn-in of {replay.settings.burn_in:g} s; give a longer --burn-in, and do not rely '
+            f'on intervals'
+        )
     with _progress('fit') as progress:
         found = fit(
             replay, unknowns, threads=options.threads,

@@ -56,6 +56,7 @@ LOST = 1e3  # residual of a segment whose simulation fails, in units of the nois
 # Steps at the start of a segment take hundreds of iterations. Where contacts have no solution,
 # they took thousands, and a segment seconds.
 MOST_ITERATIONS = 1000
+START_ERROR = 5e-3  # rad, what a measured start is off by at most
 MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
 
 
@@ -422,6 +423,27 @@ class Replay:
     def start(self, scene: Scene) -> State:
         """Return the state at the start of the first segment."""
         return start_state(scene, self.segments[0].measured, is_flat=self.is_flat)
+
+
+def start_effect(replay: Replay) -> float:
+    """
+    Return how much an error of the starts of segments moves what is simulated after the burn-in.
+
+    The yaw joints are off by START_ERROR in turn to both sides. It is the root mean square change
+    of the residuals, in units of the noise: errors of a model are told from it only if larger.
+    """
+    count = replay.recording.joint_angle.shape[1]
+    error = np.zeros((2, count, 2))
+    error[0, :, 0] = START_ERROR * np.resize([1.0, -1.0], count)
+    moved = [
+        item._replace(measured=replace(item.measured, angle=item.measured.angle + error))
+        for item in replay.segments
+    ]
+    pairs = zip(
+        replay.residuals(replay.scene), replay.residuals(replay.scene, tuple(moved)), strict=True
+    )
+    change = np.concatenate([there.flat() - here.flat() for here, there in pairs])
+    return float(np.sqrt((change**2).mean()))
 
 
 def with_offsets(replay: Replay, streams: Container[str]) -> Replay:

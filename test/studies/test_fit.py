@@ -539,6 +539,15 @@ def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, c
     assert plot.stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(('name', 'remembers'), [('lateral_undulation', 0), ('sidewinding', 1)])
+def test_a_start_that_is_not_forgotten_is_said_first(name, remembers, tmp_path, capsys):
+    bag = bag_of(recording_of(load_scene(name), 5.0), tmp_path / 'run.mcap')
+    options = ['--free', 'robot.yaw_damping', '--segment', '0.5', '--burn-in', '1']
+    main(['fit', str(bag), *options])
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith('the recording tells little') == bool(remembers)
+
+
 def test_intervals_and_scenes_that_do_not_hold_are_withheld(recording, tmp_path, capsys):
     bag, out = tmp_path / 'late.mcap', tmp_path / 'fitted.yaml'
     late = replace(recording, pose_time=recording.pose_time + 0.03)

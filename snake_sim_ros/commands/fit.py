@@ -194,7 +194,11 @@ def _replay(options: argparse.Namespace) -> 'tuple[Replay, Scene]':
         options.recording, scene, namespace=options.namespace, pose=options.pose,
         link=options.link,
     )  # fmt: skip
-    scene = with_settings(recording.scene, given)
+    scene, links = with_settings(recording.scene, given), recording.scene.robot.link_count
+    if scene.robot.link_count != links:
+        raise ParameterError(
+            f'robot.link_count must be the {links} of the bag, got {scene.robot.link_count}'
+        )
     law = options.law or ('interpolated' if recording.is_run else 'held')
     replay = Replay(recording, with_fit_steps(scene, given), settings, law)
     free = {name for item in options.free for name in item.split('=')}

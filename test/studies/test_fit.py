@@ -582,6 +582,10 @@ def test_intervals_and_scenes_that_do_not_hold_are_withheld(recording, tmp_path,
         (['--free', *BOTH, '--out', 'nowhere/f.yaml'], '--out: no folder'),
         (['--free', *BOTH, '--plot', 'fit.txt'], '--plot must end in .png'),
         (['--free', *BOTH, '--scene', 'nowhere'], 'nowhere'),
+        (
+            ['--free', *BOTH, '--set', 'robot.link_count=5'],
+            'robot.link_count must be the 7 of the bag, got 5',
+        ),
     ],
 )
 @pytest.mark.usefixtures('recording')

@@ -8,11 +8,11 @@ import signal
 
 import pytest
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
-
 # Two processes on two cores: threads of linear algebra would wait for each other most of the time.
+# NumPy heeds it while it is imported.
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
+from snake_sim_ros.dynamics.code_cache import CodeCache
 
 FAST = 'pytest.mark.fast'  # what files of fast tests say
 

@@ -172,13 +172,14 @@ def test_a_delay_of_commands_need_not_be_a_multiple_of_the_step(tmp_path, start)
 
 
 def test_clocks_that_are_ahead_are_found(recording):
-    ahead = replace(
-        recording, joint_time=recording.joint_time - 0.021, pose_time=recording.pose_time + 0.153
-    )
+    def ahead(poses):
+        joint_time, pose_time = recording.joint_time - 0.021, recording.pose_time + poses
+        return replay_of(replace(recording, joint_time=joint_time, pose_time=pose_time))
+
     # Friction is off by more than half where the clocks are taken for one, and the fit says so.
-    wrong = fit(replay_of(ahead), unknowns_of(recording.scene, BOTH))
+    wrong = fit(ahead(0.053), unknowns_of(recording.scene, BOTH))
     assert abs(wrong.values[0] / 0.1 - 1.0) > 0.5 and judge(wrong).failures
-    replay = with_offsets(replay_of(ahead), {'joints', 'poses'})
+    replay = with_offsets(ahead(0.153), {'joints', 'poses'})
     found = fit(replay, unknowns_of(replay.scene, [*BOTH, *OFFSETS], replay.setup))
     assert found.values == pytest.approx([0.1, 0.5, -0.021, 0.153], rel=1e-3)
     assert found.setup[:2] == pytest.approx((-0.021, 0.153), rel=1e-3)

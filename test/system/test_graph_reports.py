@@ -162,6 +162,8 @@ def test_two_clocks_are_told(make_graph):
     said = '/clock has 2 publishers, /one/sim, /two/sim: start all sims but one with publish_clock'
     for process in (sims[0].process, other):
         sims[0].graph.until(lambda process=process: process.count(said), said)
+    for process in (sims[0].process, other):
+        sims[0].graph.end(process)
 
 
 def test_refusal_is_in_the_diagnostics_for_ten_seconds(running, refused, published):
@@ -199,13 +201,15 @@ def test_parameter_that_there_is_not_is_named(running, node):
     if node == 'viewer':
         pytest.importorskip('viser')
     if node != 'sim':
-        graph.start(node, *(['port:=0'] if node == 'viewer' else []))
+        process = graph.start(node, *(['port:=0'] if node == 'viewer' else []))
     items = [Parameter(name, value=1.0).to_parameter_msg() for name in ('no_such', 'scenes')]
     request = SetParameters.Request(parameters=items)
     results = graph.call(SetParameters, f'{node}/set_parameters', request).results
     assert not any(result.successful for result in results)
     assert results[0].reason.startswith("unknown parameter 'no_such'; ")
     assert results[1].reason == "unknown parameter 'scenes'; did you mean 'scene'?"
+    if node != 'sim':
+        graph.end(process)
 
 
 # ---- in lock-step -------------------------------------------------------------------------------

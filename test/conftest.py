@@ -8,11 +8,11 @@ import signal
 
 import pytest
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
-
 # Two processes on two cores: threads of linear algebra would wait for each other most of the time.
+# NumPy reads this when it is imported, which the package does.
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
+from snake_sim_ros.dynamics.code_cache import CodeCache
 
 FAST = 'pytest.mark.fast'  # what files of fast tests say
 

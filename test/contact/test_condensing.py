@@ -102,7 +102,7 @@ def scenes():
             yield f'{name} {n} obstacles', scene, lying_on(rng, scene)
             scene = replace(scene, self_contact=True, self_contact_friction=0.5)
             state = anywhere(rng, n)
-            state.q[:, :3] *= 0.15
+            state.q[:, :3] *= 0.15 * max(1.0, n / 6)  # 10 to 30 pairs of links touch
             yield f'{name} {n} links', scene, state
 
 

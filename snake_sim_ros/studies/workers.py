@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import math
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -144,7 +145,9 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
     pool = client.get_executor(pure=False)
 
     def submit(plan: Plan, rows: Sequence[Row]) -> 'Future[list[Result]]':
-        future: Future[list[Result]] = pool.submit(run_on_cluster, plan, rows)
+        future: Future[list[Result]] = pool.submit(
+            run_on_cluster, distributed.protocol.pickle.dumps(plan), rows
+        )
         return future
 
     def capacity() -> int:
@@ -167,10 +170,14 @@ def cluster(address: str, count: int | None = None) -> Iterator[Workers]:
             local.close()
 
 
-def run_on_cluster(plan: Plan, rows: Sequence[Row]) -> list[Result]:
-    """Return the results of a chunk; workers of one machine compile for each other."""
+def run_on_cluster(plan: bytes, rows: Sequence[Row]) -> list[Result]:
+    """
+    Return the results of a chunk; workers of one machine compile for each other.
+
+    The plan is pickled: a module that is missing is an error of this call, not of the connection.
+    """
     CodeCache.shares_work = True
-    return run_chunk(plan, rows)
+    return run_chunk(pickle.loads(plan), rows)
 
 
 class _Process:
@@ -271,6 +278,6 @@ def _result(
         raise ParameterError(GONE) from None
     except ModuleNotFoundError as error:
         raise ParameterError(
-            f'a process of the cluster has no module {error.name}, which a metric of the study '
-            f'needs: name its folder in PYTHONPATH of the scheduler and all workers'
+            f'a worker of the cluster has no module {error.name}, which a metric of the study '
+            f'needs: name its folder in PYTHONPATH of all workers'
         ) from None

@@ -69,9 +69,9 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Any]:
             raise ParameterError(f'--{name} must be at least 1, got {number}')
     if options.scheduler is not None:
         # What happens to a cluster is one sentence of this command, not pages of its log.
-        # Dask sets both levels when it is imported.
+        # Dask sets the levels of its own when it is imported.
         table.optional('distributed', 'a cluster needs Dask')
-        for name in ('distributed', 'distributed.client'):
+        for name in ('distributed', 'distributed.client', 'tornado.application'):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         return workers.cluster(options.scheduler)
     if options.processes is not None:

@@ -10,9 +10,10 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from threading import Thread
 
 import pytest
-from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, SLOW, stopped
+from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, SLOW, stopped, wait_for
 
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -152,6 +153,52 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(tmp_path, monkeypatch, ca
     assert main(['study', 'my.yaml', '--scheduler', 'tcp://127.0.0.1:1']) == 2
     errors = capsys.readouterr().err.splitlines()
     assert 'no Dask scheduler answers at tcp://127.0.0.1:1' in errors[-1]
+
+
+def test_a_study_whose_scheduler_is_lost_goes_on(tmp_path, expected, monkeypatch, capsys, caplog):
+    pytest.importorskip('distributed')
+    monkeypatch.setattr(workers, 'CONNECT_SECONDS', 2)  # in which the client looks for it again
+    monkeypatch.chdir(tmp_path)
+    write_study(tmp_path)
+    (tmp_path / 'hold').touch()
+    environment = {
+        **ENVIRONMENT, 'PYTHONPATH': f'{ENVIRONMENT["PYTHONPATH"]}{os.pathsep}{tmp_path}'
+    }  # fmt: skip
+    found, journal = tmp_path / 'scheduler.json', journal_of(tmp_path / 'my.parquet')
+    common = '--no-dashboard', '--scheduler-file', str(found)
+    commands = ['scheduler', '--port', '0', *common], ['worker', '--no-nanny', *common]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, '-m', 'dask', *command], env=environment,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )
+        for command in commands
+    ]  # fmt: skip
+
+    def lose_scheduler():
+        wait_for(lambda: rows_of(journal) >= 5, 'no rows')
+        processes[0].kill()
+
+    try:
+        wait_for(found.is_file, 'no scheduler')
+        losing = Thread(target=lose_scheduler)
+        losing.start()
+        address = json.loads(found.read_text())['address']
+        assert main(['study', 'my.yaml', '--scheduler', address]) == 2
+        losing.join(DEADLINE)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait(DEADLINE)
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert errors[-1].endswith(workers.GONE)
+    assert not any('Traceback' in line for line in [*errors, caplog.text])
+    done = rows_of(journal)
+    assert 5 <= done < len(expected)
+    (tmp_path / 'hold').unlink()
+    summary, table = go_on(tmp_path, capsys)
+    assert summary['found'] == done
+    assert table.equals(expected)
 
 
 def test_a_cluster_without_workers_is_one_sentence(study, monkeypatch):

@@ -20,6 +20,8 @@ from snake_sim_ros.scene.checked_records import ParameterError
 if TYPE_CHECKING:
     from snake_sim_ros.studies.study import Study
 
+MOST_CASES = 8  # values of the third one that varies, each with maps of its own in a picture
+
 
 def add_study(subparsers: Any) -> None:
     """Add the command."""
@@ -138,15 +140,20 @@ def chart_module(option: str) -> Any:
 def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
     """Return what draws the table of a study; raise an error if that is not possible."""
     from snake_sim_ros.studies.table import check_file, PICTURES
+    from snake_sim_ros.studies.variations import Range
 
     chart, names = chart_module('--plot'), list(study.variations.of)
     check_file(path, '--plot', PICTURES)
-    if len(names) > 2:
+    third = study.variations.of[names[2]] if len(names) == 3 else None
+    values = getattr(third, 'values', None)
+    if len(names) > 3 or (third and not 0 < len(values or ()) <= MOST_CASES):
         raise ParameterError(
-            f'--plot draws one or two values that vary, this study has {len(names)}: '
-            f'{", ".join(names)}'
+            f'--plot draws one or two values that vary, for each of at most {MOST_CASES} values '
+            f'of a third one, which is the last; this study has {", ".join(names)}'
         )
-    return lambda frame: chart.draw_study(frame, names, study.metrics, path)
+    of = study.variations.of.items()
+    scales = {name: item.scale for name, item in of if isinstance(item, Range)}
+    return lambda frame: chart.draw_study(frame, names, scales, study.metrics, path)
 
 
 def _compile(study: 'Study') -> None:

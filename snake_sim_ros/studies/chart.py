@@ -3,12 +3,12 @@
 """
 Pictures of studies, optimizations and fits.
 
-A study is every metric over one value that varies, or as a map over two; an optimization the front
-of two objectives, or one objective as it grows; a fit its residuals over time and as a
-distribution, and what segments ask for.
+A study is every metric over one value that varies, or as a map over two, for each of a third; an
+optimization the front of two objectives, or one objective as it grows; a fit its residuals over
+time and as a distribution, and what segments ask for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -52,27 +52,37 @@ def _titled(name: str, unit: str) -> str:
 
 
 def draw_study(
-    frame: 'polars.DataFrame', names: Sequence[str], metrics: Sequence[Metric], path: Path
+    frame: 'polars.DataFrame',
+    names: Sequence[str],
+    scales: Mapping[str, str],
+    metrics: Sequence[Metric],
+    path: Path,
 ) -> None:
     """
-    Draw the metrics of a table over one or two values.
+    Draw the metrics of a table over one or two values, or over two for each of a third.
 
     Parameters
     ----------
     frame : DataFrame
         The table of a study.
     names : sequence of str
-        Of the values, one or two.
+        Of the values, one to three.
+    scales : mapping
+        Name of a value -> 'log' for a logarithmic axis.
     metrics : sequence of Metric
     path : Path
         Where the picture is written.
 
     """
-    rows = math.ceil(len(metrics) / COLUMNS)
-    columns = min(COLUMNS, len(metrics))
-    figure = _figure(3.4 * columns, 2.7 * rows + 0.3)
     values = [_numbers(frame[name].to_list()) for name in names]
-    for k, metric in enumerate(metrics):
+    cases = [('', np.full(len(frame), True))]
+    if len(names) == 3:
+        cases = [(f'{names[2]} = {each}', values[2] == each) for each in np.unique(values[2])]
+    panels = [(metric, case) for metric in metrics for case in cases]
+    columns = len(cases) if len(cases) > 1 else min(COLUMNS, len(metrics))
+    rows = math.ceil(len(panels) / columns)
+    figure = _figure(3.4 * columns, 2.7 * rows + 0.3)
+    for k, (metric, (case, chosen)) in enumerate(panels):
         axes = figure.add_subplot(rows, columns, k + 1)
         numbers = np.array(frame[metric.name].to_list(), dtype=float)
         title = _titled(metric.name, metric.unit)
@@ -80,10 +90,16 @@ def draw_study(
             _draw_line(axes, values[0], numbers)
             axes.set_ylabel(title)
         else:
-            figure.colorbar(_draw_map(axes, values[0], values[1], numbers), ax=axes)
-            axes.set_title(title, fontsize=9)
+            colors = _draw_map(axes, values[0][chosen], values[1][chosen], numbers[chosen])
+            finite = numbers[np.isfinite(numbers)]
+            if len(finite):  # the same colors in all cases
+                colors.set_clim(finite.min(), finite.max())
+            figure.colorbar(colors, ax=axes)
+            axes.set_title(f'{title}, {case}' if case else title, fontsize=9)
             axes.set_ylabel(names[1])
+            axes.set_yscale(scales.get(names[1], 'linear'))
         axes.set_xlabel(names[0])
+        axes.set_xscale(scales.get(names[0], 'linear'))
     write_figure(figure, path, dpi=DPI)
 
 

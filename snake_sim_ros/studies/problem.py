@@ -29,12 +29,14 @@ from snake_sim_ros.studies.expressions import constraint_of, Expression, express
 from snake_sim_ros.studies.metrics import Metric, METRICS, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan
 from snake_sim_ros.studies.study import (
+    followers_of,
     loaded,
     mapping_at,
     scene_and_values,
     scene_with,
     Settings,
     settings_of,
+    with_followers,
 )
 from snake_sim_ros.studies.variations import check_names, Range
 
@@ -286,11 +288,9 @@ class Problem:
     def values_at(self, shares: Array) -> dict[str, float]:
         """Return the values at shares of the bounds, and those that follow from them."""
         pairs = zip(self.bounds.items(), shares.tolist(), strict=True)
-        return self.with_followers({name: bound.at(share) for (name, bound), share in pairs})
-
-    def with_followers(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return values, and those that follow from them."""
-        return {**values, **{name: item.value(values) for name, item in self.follow.items()}}
+        return with_followers(
+            {name: bound.at(share) for (name, bound), share in pairs}, self.follow
+        )
 
     def present(self) -> tuple[Array, dict[str, float]]:
         """Return where the scene itself is: shares of the bounds, and values within them."""
@@ -301,7 +301,7 @@ class Problem:
                 value = math.degrees(value)
             values[name] = min(max(value, bound.low), bound.high)
             shares.append(_share(bound, values[name]))
-        return np.array(shares), self.with_followers(values)
+        return np.array(shares), with_followers(values, self.follow)
 
     def names(self) -> dict[str, str]:
         """Return the name of every metric in expressions -> in results."""
@@ -349,7 +349,7 @@ def problem_from(mapping: Any, folder: Path | None = None) -> Problem:
     stop: Stop = from_mapping(Stop, mapping.get('stop'), 'stop')
     scene, fixed, vary = scene_and_values(mapping, folder)
     bounds = {name: _bound(name, given, scene) for name, given in vary.items()}
-    follow = _followers(mapping_at(mapping, 'follow'), bounds, fixed, scene)
+    follow = followers_of(mapping, bounds, fixed, scene)
     objectives, constraints, metrics = _goals(mapping, folder)
     given = frozenset([*fixed, *bounds, *follow])
     check = mapping_at(mapping, 'check')
@@ -381,18 +381,6 @@ def _bound(name: str, given: Any, scene: Scene) -> Range:
     for end in (bound.low, bound.high):
         scene_with(scene, {name: end}, 'vary')
     return bound
-
-
-def _followers(
-    given: Mapping[str, Any], bounds: Mapping[str, Range], fixed: Mapping[str, Any], scene: Scene
-) -> dict[str, Expression]:
-    """Return the values that follow from others."""
-    check_names(scene, list(given), 'follow')
-    taken = {name.removesuffix('_deg') for name in (*bounds, *fixed)}
-    for name in given:
-        if name.removesuffix('_deg') in taken:
-            raise ParameterError(f'follow: {name} must not be in set or in vary as well')
-    return {name: expression_of(text, bounds, f'follow: {name}') for name, text in given.items()}
 
 
 def _goals(

@@ -6,7 +6,7 @@ A study: a scene, what varies in it, what is measured; as a record, as a file, a
 What its file has in common with that of an optimization is read here for both.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,17 +23,25 @@ from snake_sim_ros.scene.checked_records import (
 from snake_sim_ros.scene.files import CONFIG, is_file, read_yaml
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.studies import table
+from snake_sim_ros.studies.expressions import Expression, expression_of
 from snake_sim_ros.studies.metrics import Metric, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan, Row
 from snake_sim_ros.studies.table import Result
-from snake_sim_ros.studies.variations import check_names, SAMPLINGS, variation_of, Variations
+from snake_sim_ros.studies.variations import (
+    check_names,
+    is_number,
+    Listed,
+    SAMPLINGS,
+    variation_of,
+    Variations,
+)
 from snake_sim_ros.studies.workers import results_of, threads, Workers
 
 if TYPE_CHECKING:
     import polars
 
 KEEP = ('metrics', 'trajectories')
-STUDY_KEYS = ('scene', 'set', 'vary', 'metrics')  # of a study, besides its settings
+STUDY_KEYS = ('scene', 'set', 'vary', 'follow', 'metrics')  # of a study, besides its settings
 TABLE_COLUMNS = {'row', 'status', 'key'}  # besides values and metrics
 Observe = Callable[[Sequence[Result], bool], object]
 T = TypeVar('T')
@@ -71,8 +79,10 @@ class Study:
     scene : Scene
         With the values that are set.
     given : frozenset of str
-        Names of the values that are set or vary.
+        Names of the values that are set, vary or follow.
     variations : Variations
+    follow : dict
+        Dotted name of a value -> its expression of those that vary.
     metrics : tuple of Metric
     settings : StudySettings
 
@@ -81,6 +91,7 @@ class Study:
     scene: Scene
     given: frozenset[str]
     variations: Variations
+    follow: Mapping[str, Expression]
     metrics: tuple[Metric, ...]
     settings: StudySettings
 
@@ -94,7 +105,7 @@ class Study:
     def rows(self) -> Iterator[Row]:
         """Yield all rows."""
         for number in range(len(self.variations)):
-            yield Row(number, self.variations.row(number))
+            yield Row(number, with_followers(self.variations.row(number), self.follow))
 
 
 def load_study(path: Path) -> Study:
@@ -155,8 +166,17 @@ def study_from(mapping: Any, folder: Path | None = None) -> Study:
         {name: variation_of(name, given) for name, given in vary.items()},
         settings.sampling, settings.samples, settings.seed,
     )  # fmt: skip
+    follow = followers_of(mapping, vary, fixed, scene)
+    for name, item in follow.items():
+        for other in sorted(item.names):
+            variation = variations.of[other]
+            if isinstance(variation, Listed) and not all(map(is_number, variation.values)):
+                raise ParameterError(
+                    f'follow: {name} depends on {other}, whose values must be numbers'
+                )
     metrics = metrics_of(mapping.get('metrics', USUAL_METRICS), folder)
-    return Study(scene, frozenset([*fixed, *vary]), variations, metrics, settings)
+    given = frozenset([*fixed, *vary, *follow])
+    return Study(scene, given, variations, follow, metrics, settings)
 
 
 def settings_of(cls: type[T], mapping: Any, parts: Sequence[str]) -> T:
@@ -209,6 +229,32 @@ def scene_and_values(
         if name.removesuffix('_deg') in plain:
             raise ParameterError(f'{name} must be in set or in vary, it is in both')
     return scene, fixed, vary
+
+
+def followers_of(
+    mapping: Mapping[str, Any], vary: Iterable[str], fixed: Iterable[str], scene: Scene
+) -> dict[str, Expression]:
+    """
+    Return the values that follow from those that vary, by their expressions.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such value, if it is set or varies as well, or if it is no expression.
+
+    """
+    given, vary = mapping_at(mapping, 'follow'), tuple(vary)
+    check_names(scene, list(given), 'follow')
+    taken = {name.removesuffix('_deg') for name in (*vary, *fixed)}
+    for name in given:
+        if name.removesuffix('_deg') in taken:
+            raise ParameterError(f'follow: {name} must not be in set or in vary as well')
+    return {name: expression_of(text, vary, f'follow: {name}') for name, text in given.items()}
+
+
+def with_followers(values: Mapping[str, Any], follow: Mapping[str, Expression]) -> dict[str, Any]:
+    """Return values, and those that follow from them."""
+    return {**values, **{name: item.value(values) for name, item in follow.items()}}
 
 
 def scene_with(scene: Scene, values: Mapping[str, Any], where: str) -> Scene:
@@ -276,7 +322,8 @@ def study(
         ``observe(results, is_new)`` is called with rows as they are done: their columns by name,
         and whether they were run now, not found in the file.
     **settings
-        `set`, `sampling`, `samples`, `seed`, `rate`, `time_limit`, as in the file of a study.
+        `set`, `follow`, `sampling`, `samples`, `seed`, `rate`, `time_limit`, as in the file of a
+        study.
 
     Returns
     -------

@@ -236,6 +236,11 @@ def _check_value(name: str, value: Any) -> None:
         raise ParameterError(f'vary: {name} must have numbers or texts, got {quoted(value)}')
 
 
+def is_number(value: Any) -> bool:
+    """Return whether a listed value is a number."""
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+
+
 def _hashable(value: Any) -> Any:
     return tuple(map(_hashable, value)) if isinstance(value, (list, tuple)) else value
 

@@ -64,7 +64,7 @@ OUTPUTS = {
     'path.png': lambda path: chart.path_figure(path, '', RUN.time, RUN.position, 0),
     'study.csv': lambda path: table.write(FRAME, path),
     'study.parquet': lambda path: table.write(FRAME, path),
-    'study.png': lambda path: study_chart.draw_study(FRAME, ['dt'], [METRICS['speed']], path),
+    'study.png': lambda path: study_chart.draw_study(FRAME, ['dt'], {}, [METRICS['speed']], path),
     'gait.best.yaml': scene_of_optimization,
     'gait.png': picture_of_optimization,
     'fit.yaml': lambda path: judgement.write_scene(FIT, SCENE, Path('bag.mcap'), path),

@@ -3,6 +3,7 @@
 """Studies: what varies, what is measured, the table, and that every run comes out the same."""
 
 from dataclasses import fields
+import itertools
 import json
 import math
 from pathlib import Path
@@ -628,6 +629,43 @@ def test_the_command_ends_with_a_line_of_json(tmp_path, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])['found'] == 2
 
 
+def test_values_follow_those_that_vary():
+    across, along = 'friction.transversal', 'friction.longitudinal'
+    vary = {across: [0.2, 0.4], 'method': ['newton', 'bdf2']}
+    frame = study('lateral_undulation', vary, set=SHORT, follow={along: f'0.25 * {across}'})
+    assert frame[along].to_list() == [0.05, 0.05, 0.1, 0.1]
+    alone = study(
+        'lateral_undulation', {across: [0.4]}, set=SHORT | {along: 0.1, 'method': 'bdf2'}
+    )
+    assert frame['energy'][3] == alone['energy'][0]
+    for follow, sentence in (
+        ({along: 'method'}, f'follow: {along} depends on method, whose values must be numbers'),
+        ({along: 'frictio'}, 'frictio'),
+        ({across: f'2 * {across}'}, f'follow: {across} must not be in set or in vary as well'),
+    ):
+        with pytest.raises(ParameterError, match=re.escape(sentence)):
+            study('lateral_undulation', vary, set=SHORT, follow=follow)
+
+
+def test_three_values_are_maps_for_each_of_the_third(tmp_path, monkeypatch):
+    chart = pytest.importorskip('snake_sim_ros.studies.chart')
+    drawn = []
+    monkeypatch.setattr(chart, 'write_figure', lambda figure, *_, **__: drawn.append(figure))
+    names = ['friction.transversal', 'duration', 'method']
+    places = list(itertools.product([0.1, 1.0, 10.0], [1.0, 2.0], ['bdf2', 'newton']))
+    frame = polars.DataFrame(places, schema=names, orient='row').with_columns(
+        speed=np.arange(12.0), slip=np.full(12, np.nan)
+    )
+    metrics = [METRICS['speed'], METRICS['slip']]
+    chart.draw_study(frame, names, {names[0]: 'log'}, metrics, tmp_path / 'my.png')
+    panels = drawn[0].axes[::2]  # each with a bar of colors
+    titles = ['speed [m/s], method = bdf2', 'speed [m/s], method = newton']
+    assert [axes.get_title() for axes in panels][:2] == titles and len(panels) == 4
+    assert all((axes.get_xscale(), axes.get_yscale()) == ('log', 'linear') for axes in panels)
+    assert [axes.collections[0].get_clim() for axes in panels[:2]] == [(0.0, 11.0)] * 2
+    assert panels[1].collections[0].get_array().ravel().tolist() == [1, 5, 9, 3, 7, 11]
+
+
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
@@ -636,14 +674,18 @@ def test_the_command_ends_with_a_line_of_json(tmp_path, monkeypatch, capsys):
         (['my.yaml', '--out', 'a.txt'], '--out must end in .parquet or .csv, got a.txt'),
         (['my.yaml', '--out', 'no/a.csv'], '--out: no folder '),
         (['my.yaml', '--plot', 'a.txt'], '--plot must end in .png, .svg or .pdf, got a.txt'),
-        (['my.yaml', '--plot', 'a.png'], '--plot draws one or two values that vary, this study'),
+        (
+            ['my.yaml', '--plot', 'a.png'],
+            '--plot draws one or two values that vary, for each of at',
+        ),
     ],
 )
 def test_arguments_are_refused_in_one_sentence(tmp_path, monkeypatch, capsys, arguments, sentence):
     pytest.importorskip('matplotlib')
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'my.yaml').write_text(
-        'scene: sidewinding\nvary: {dt: [0.1], duration: [1], method: [newton]}\n'
+        'scene: sidewinding\n'
+        'vary: {dt: [0.1], duration: [1], method: [newton], friction.rolling: [0]}\n'
     )
     assert main(['study', *arguments]) == 2
     errors = capsys.readouterr().err.splitlines()

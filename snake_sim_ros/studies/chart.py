@@ -77,7 +77,11 @@ def draw_study(
     values = [_numbers(frame[name].to_list()) for name in names]
     cases = [('', np.full(len(frame), True))]
     if len(names) == 3:
-        cases = [(f'{names[2]} = {each}', values[2] == each) for each in np.unique(values[2])]
+        cases = [
+            (f'{names[2]} = {each:g}' if values[2].dtype.kind == 'f' else f'{names[2]} = {each}',
+             values[2] == each)
+            for each in np.unique(values[2])
+        ]  # fmt: skip
     panels = [(metric, case) for metric in metrics for case in cases]
     columns = len(cases) if len(cases) > 1 else min(COLUMNS, len(metrics))
     rows = math.ceil(len(panels) / columns)

@@ -72,7 +72,13 @@ class Robot:
     def until_begun(self):
         """Let time pass until the gait begins; return its commands of the next second."""
         messages, heard = self.clock.messages, len(self.clock.messages)
-        self.clock.graph.until(lambda: self.tick() or messages[heard:], 'the beginning')
+
+        def begins():
+            self.tick()
+            self.clock.graph.spin(0.06)  # else the next command may replace the first one
+            return messages[heard:]
+
+        self.clock.graph.until(begins, 'the beginning')
         for _ in range(200):
             self.say()
             self.clock.step()

@@ -4,7 +4,7 @@
 Gaits that change while they run, without a jump in angles or rates.
 
 A gait has a carrier phase for each wave and, for each joint and wave, a complex number z that
-turns it into an angle: ``alpha = Im(z exp(i phi)) + psi``, ``z = A exp(i ((j - 1) delta +
+turns it into an angle: ``alpha = Im(z exp(i phi)) + psi``, ``z = A_j exp(i ((j - 1) delta +
 delta_0))``. A change blends z, the offset psi and the frequency linearly from the old gait to the
 new one, with the weight s of `gait.soft_start` over a fixed time. phi is the exact integral of the
 frequency, so a new frequency keeps the phase. Changes may come at any time, also during a blend:
@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import AXES, Gait, soft_start, Table, Wave
+from snake_sim_ros.scene.gait import amplitudes, AXES, Gait, soft_start, Table, Wave
 from snake_sim_ros.scene.parameters import Array, Robot
 
 FREQUENCY_RATIOS = range(-4, 5)  # pitch over yaw frequency; the waves then form one motion
@@ -223,6 +223,7 @@ def largest_values(robot: Robot, axis: str) -> dict[str, float]:
         'phase_lag': 2 * math.pi,
         'phase': 2 * math.pi,
         'offset': max(abs(least), abs(most)),
+        'gradient': 1.0,
     }
 
 
@@ -275,9 +276,12 @@ def check_limits(gait: Gait, robot: Robot) -> None:
     for axis, wave in (('yaw', gait.yaw), ('pitch', gait.pitch)):
         for name, largest in largest_values(robot, axis).items():
             value, of = getattr(wave, name), ''
+            if name == 'amplitude' and wave.gradient:
+                largest /= 1.0 + abs(wave.gradient)
+                of = f' with a gradient of {wave.gradient:.4g}'
             if name == 'angular_frequency':
-                largest = largest_frequency(robot, axis, wave.amplitude)
-                of = f' with an amplitude of {wave.amplitude:.4g} rad'
+                largest = largest_frequency(robot, axis, wave.largest)
+                of = f' with an amplitude of {wave.largest:.4g} rad'
             if abs(value) > largest:
                 unit = Wave.__dataclass_fields__[name].metadata['unit']
                 raise ParameterError(
@@ -300,8 +304,9 @@ def check_reach(gait: Gait, robot: Robot) -> None:
     still = np.zeros((robot.link_count - 1, 2))
     low, high = gait.table.extremes()[:2] if gait.table else (still, still)
     for k, (axis, wave) in enumerate((('yaw', gait.yaw), ('pitch', gait.pitch))):
-        least = wave.offset - abs(wave.amplitude) + low[:, k]
-        largest = wave.offset + abs(wave.amplitude) + high[:, k]
+        reach_of_wave = np.abs(amplitudes(wave, len(low)))
+        least = wave.offset - reach_of_wave + low[:, k]
+        largest = wave.offset + reach_of_wave + high[:, k]
         if len(least) and (beyond := robot.beyond(k, least, largest)):
             j, limit = beyond
             reach = max(largest[j], least[j], key=abs)
@@ -330,7 +335,7 @@ def _amplitude(gait: Gait, joint_count: int, shift: float) -> Array:
     """Return z of every joint, with the pitch wave shifted by an angle, shape (n-1, 2)."""
     joint = np.arange(joint_count)
     yaw, pitch = (
-        wave.amplitude * np.exp(1j * (joint * wave.phase_lag + wave.phase + angle))
+        amplitudes(wave, joint_count) * np.exp(1j * (joint * wave.phase_lag + wave.phase + angle))
         for wave, angle in ((gait.yaw, 0.0), (gait.pitch, shift))
     )
     return np.column_stack([yaw, pitch])

@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import (
     ClockWatch,
@@ -93,11 +93,11 @@ class Settings(CheckedRecord):
         choices=('measured', 'now'),
     )
     stride: float = quantity(
-        0.546,
+        0.0,
         'm',
-        'distance the robot travels in a gait cycle, used to follow cmd_vel; the default is that '
-        'of lateral undulation (case A); sidewinding has 0.473 and moves sideways',
-        minimum=1e-3,
+        'distance the robot travels in a gait cycle, used to follow cmd_vel; 0 = that of Aiko, '
+        '0.546 m in lateral undulation, 0.473 m to the side in sidewinding',
+        minimum=0,
         maximum=100,
     )
     cmd_vel_timeout: float = quantity(
@@ -207,7 +207,8 @@ class GaitNode(Node):
         """Set the gait that follows from the parameters and the last cmd_vel as the target."""
         self.target = self.gait
         if self.steering:
-            stride = self.settings.stride
+            stride = Stride.of(self.gait)
+            stride = replace(stride, length=self.settings.stride or stride.length)
             self.target, remarks = self.steering.gait(self.gait, self.robot, stride)
             for kind, sentence in remarks.items():
                 self.warn(kind, sentence)

@@ -227,6 +227,24 @@ class Wave(CheckedRecord):
     phase_lag: float = quantity(0.0, 'rad', 'phase lag delta from one joint to the next')
     phase: float = quantity(0.0, 'rad', 'phase delta_0 of the first joint')
     offset: float = quantity(0.0, 'rad', 'offset psi')
+    gradient: float = quantity(
+        0.0,
+        '1',
+        'gradient gamma: the first joint has 1 - gamma times the amplitude, the last 1 + gamma',
+        minimum=-1,
+        maximum=1,
+    )
+
+    @property
+    def largest(self) -> float:
+        """Largest amplitude of a joint [rad]."""
+        return abs(self.amplitude) * (1.0 + abs(self.gradient))
+
+
+def amplitudes(wave: Wave, joint_count: int) -> Array:
+    """Return the amplitude of a wave at every joint, linear along the robot, (n-1,) [rad]."""
+    along = 2.0 * np.arange(joint_count) / max(1, joint_count - 1) - 1.0
+    return wave.amplitude * (1.0 + wave.gradient * along)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -379,9 +397,10 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     """
     Return joint reference angles and rates, eqs. (70), (71).
 
-    ``alpha_i = s(t) (A sin(omega t + (i - 1) delta + delta_0) + psi)`` for joints i = 1 to n-1,
-    yaw and pitch alike, with the soft start s of `soft_start`. A negative phase lag delta sends
-    the wave from link 1 to link n. The table of a gait is added to its waves before they fade in.
+    ``alpha_i = s(t) (A_i sin(omega t + (i - 1) delta + delta_0) + psi)`` for joints i = 1 to n-1,
+    yaw and pitch alike, with the soft start s of `soft_start` and the `amplitudes` A_i. A negative
+    phase lag delta sends the wave from link 1 to link n. The table of a gait is added to its waves
+    before they fade in.
 
     Parameters
     ----------
@@ -402,7 +421,7 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     angle, rate = np.zeros((2, *t.shape[:-1], joint_count, 2))
     for axis, numbers in enumerate((gait.yaw, gait.pitch)):
         if numbers.amplitude != 0.0 or numbers.offset != 0.0:
-            each = numbers.amplitude, numbers.angular_frequency, numbers.phase_lag
+            each = amplitudes(numbers, joint_count), numbers.angular_frequency, numbers.phase_lag
             numbers_of_wave = *each, numbers.phase, numbers.offset
             angle[..., axis], rate[..., axis] = wave(numbers_of_wave, fade, t, joint)
     if gait.table:
@@ -435,7 +454,7 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
 
 
 def wave(
-    numbers: tuple[float, ...], fade: tuple[Array, Array], t: Array, joint: Array
+    numbers: tuple[Any, ...], fade: tuple[Array, Array], t: Array, joint: Array
 ) -> tuple[Array, Array]:
     """
     Return angle [rad] and rate [rad/s] of one wave that fades in.

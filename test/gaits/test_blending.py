@@ -43,9 +43,13 @@ def random_gait(rng):
     def wave():
         values = {name: rng.uniform(-1, 1) * largest for name, largest in LARGEST.items()}
         values['amplitude'] = LARGEST['amplitude'] * rng.choice([-1, 0, 0.1, 0.5, 1])
-        fastest = largest_frequency(ROBOT, 'yaw', values['amplitude'])
+        values['gradient'] *= rng.choice([0, 1])
+        largest = values['amplitude']
+        if values['gradient']:
+            values['amplitude'] *= (1 - 8 * EPS) / (1 + abs(values['gradient']))
+        fastest = largest_frequency(ROBOT, 'yaw', largest)
         values['angular_frequency'] = fastest * rng.choice([-1, 0, 0.3, 1])
-        values['offset'] *= 1 - abs(values['amplitude']) / ROBOT.joint_limit
+        values['offset'] *= 1 - abs(largest) / ROBOT.joint_limit
         return Wave(**values)
 
     made = Gait(yaw=wave(), pitch=wave())

@@ -11,7 +11,7 @@ from random_states import EPS
 
 from snake_sim_ros import Gait, Robot, Scene, Simulation, Wave
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_frequency
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -23,7 +23,7 @@ UNDULATION, SINUS_LIFTING = (
 
 
 def steered(speed, turning, gait=UNDULATION):
-    return Steering(speed, turning).gait(gait, ROBOT, STRIDE)
+    return Steering(speed, turning).gait(gait, ROBOT, Stride(STRIDE))
 
 
 def most_cycle(gait):
@@ -129,7 +129,7 @@ def test_whatever_is_asked_the_joints_follow_as_far_as_they_can():
 @pytest.mark.parametrize(('speed', 'turning'), [(0.15, 0.0), (0.1, 0.1), (-0.1, 0.1)])
 def test_a_simulated_robot_moves_and_turns_as_it_is_steered(speed, turning):
     scene = with_settings(load_scene('lateral_undulation'), {'dt': 1 / 1000})
-    gait, _ = Steering(speed, turning).gait(scene.gait, scene.robot, 0.546)
+    gait, _ = Steering(speed, turning).gait(scene.gait, scene.robot, Stride(0.546))
     blend = Blend.of(scene.gait, 10, 1.0).changed(0.0, gait)
     simulation = Simulation(scene)
     cycle = round(2 * math.pi / abs(gait.yaw.angular_frequency) / 0.01)

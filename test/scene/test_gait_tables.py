@@ -10,7 +10,7 @@ import pytest
 
 from snake_sim_ros import Gait, ParameterError, Robot, Table, Wave
 from snake_sim_ros.gaits.blending import Blend, check_limits, check_reach
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import (
     load_scene,
@@ -137,7 +137,7 @@ def test_limits_of_the_joints_hold_between_rows():
 
 
 def test_a_table_cannot_be_steered():
-    still, remarks = Steering(0.1, 0.0).gait(Gait(table=table_of_waves(9)), Robot(), 0.5)
+    still, remarks = Steering(0.1, 0.0).gait(Gait(table=table_of_waves(9)), Robot(), Stride(0.5))
     assert still == Gait()
     assert list(remarks.values()) == [
         'cmd_vel: a gait from a table has no frequency to set; it stops'

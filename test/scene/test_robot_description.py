@@ -11,7 +11,7 @@ from random_states import random_robot
 import yaml
 
 from snake_sim_ros import Robot
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.recording.from_messages import B_TO_WIRE
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import load_scene
@@ -173,7 +173,7 @@ def test_buttons_of_foxglove_are_what_the_gait_can_do():
         if name.startswith('Publish!'):
             twist = json.loads(panel['value'])
             steering = Steering(twist['linear']['x'], twist['angular']['z'])
-            steered, remarks = steering.gait(gait, Robot(), 0.546)
+            steered, remarks = steering.gait(gait, Robot(), Stride(0.546))
             assert not remarks
             moves[name] = np.sign([steered.yaw.amplitude, -steered.yaw.offset]).tolist()
     assert moves == {

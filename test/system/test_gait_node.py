@@ -22,7 +22,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from snake_sim_ros import Robot
 from snake_sim_ros.gaits.blending import Blend, largest_values
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene
 
@@ -123,7 +123,7 @@ class Follower(HandClock):
         self.send(self.twists, Twist(linear=linear, angular=angular))
 
     def steered(self, speed, turning):
-        return Steering(speed, turning).gait(self.gait, Robot(), STRIDE)[0]
+        return Steering(speed, turning).gait(self.gait, Robot(), Stride(STRIDE))[0]
 
 
 @pytest.fixture(scope='module')

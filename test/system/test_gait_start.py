@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros import Scene
 from snake_sim_ros.gaits.blending import Blend
-from snake_sim_ros.gaits.steering import Steering
+from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import WARN_PERIOD
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.scene.parameters import load_scene
@@ -275,12 +275,12 @@ def test_a_stamped_cmd_vel_counts_from_its_stamp(started):
     # A stamp of 0 means now, and so does one in the future.
     for speed, stamp in ((0.1, 0), (0.15, clock.now + 10**18)):
         clock.send(clock.twists, stamped(speed, stamp))
-        target = Steering(speed, 0.0).gait(gait, LIMITS, STRIDE)[0]
+        target = Steering(speed, 0.0).gait(gait, LIMITS, Stride(STRIDE))[0]
         full = full.changed(1e-9 * (clock.now + PERIOD - begin), target)
         assert all(follows(full) for _ in range(90))
     # It holds for half a second after its stamp.
     clock.send(clock.twists, stamped(0.2, clock.now - 300_000_000))
-    target = Steering(0.2, 0.0).gait(gait, LIMITS, STRIDE)[0]
+    target = Steering(0.2, 0.0).gait(gait, LIMITS, Stride(STRIDE))[0]
     full = full.changed(1e-9 * (clock.now + PERIOD - begin), target)
     assert all(follows(full) for _ in range(40))
     assert not follows(full)

@@ -11,13 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.controllers.controller import Controller, Reference
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory, write_csv, write_npz
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
-from snake_sim_ros.scene.parameters import Array, by_dotted_names, Robot, samples_of, Scene
-from snake_sim_ros.stepping.controlled import controlled, MOST_SINGLE
+from snake_sim_ros.scene.parameters import (
+    Array,
+    by_dotted_names,
+    Robot,
+    samples_of,
+    Scene,
+    steps_in,
+)
+from snake_sim_ros.stepping.controlled import controlled, going_on, of_simulation
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
@@ -238,7 +246,7 @@ def load_scene(source: Scene | str | Path, values: Values | None = None, **more:
 
 def run(
     scene: Scene | str | Path, values: Values | None = None, *, rate: float = 100.0,
-    controller: Callable[[Simulation], Any] | None = None,
+    controller: Controller | Callable[[Simulation], Any] | None = None,
     progress: Callable[[float], object] | None = None, **more: Any,
 ) -> Run:  # fmt: skip
     """
@@ -256,11 +264,14 @@ def run(
         Values of the scene by dotted names; see `load_scene`.
     rate : float, optional
         Samples a second [Hz].
-    controller : callable, optional
-        ``controller(simulation)`` is called at every sample but the last, and returns joint angles
-        of shape (axes,), in the order of `Robot.axis_names`, or (n-1, 2), (yaw, pitch) of every
-        joint [rad], or a tuple of angles and rates [rad/s], which are 0 unless given. The joints
-        are commanded both until the next sample, in place of the gait.
+    controller : Controller or callable, optional
+        What commands the joints in place of the gait: a controller, such as a `PathFollower`, with
+        a period of its own, or a function ``controller(simulation)``, which is called at every
+        sample but the last. The function returns joint angles of shape (axes,), in the order of
+        `Robot.axis_names`, or (n-1, 2), (yaw, pitch) of every joint [rad], or a tuple of angles
+        and rates [rad/s]: until the next sample the joints go on from the angles at the rates, or
+        hold them. It may also return a function of times (m,) that returns angles and rates
+        (m, n-1, 2) up to then.
     progress : callable, optional
         Called several times a second with the elapsed simulated time [s].
     **more
@@ -282,14 +293,24 @@ def run(
     loaded, names = _scene_and_names(scene, values, more)
     if not 0.0 < rate < math.inf:
         raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')
-    loaded = with_usual_steps(loaded, names, 1.0 / rate)
+    periods = {'sampling period': 1.0 / rate}
+    if isinstance(controller, Controller):
+        periods['period of the controller'] = controller.period
+    loaded = with_usual_steps(loaded, names, periods)
     steps, samples = samples_of(loaded, rate)
     simulation = Simulation(loaded)
-    compile_with_bar(simulation, single=controller is not None and steps <= MOST_SINGLE)
+    compile_with_bar(simulation)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     if controller:
-        checked = _checked(controller, loaded.robot)
-        trajectory = controlled(simulation, steps, samples, checked, keep=KEPT, progress=progress)
+        name, period = list(periods.items())[-1]
+        if isinstance(controller, Controller):
+            control = of_simulation(controller, loaded)
+        else:
+            control = _checked(controller, loaded.robot)
+        every = steps_in(period, loaded.dt, name)
+        trajectory = controlled(
+            simulation, steps, samples, control, every, keep=KEPT, progress=progress
+        )
     else:
         trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress)
     compiled = simulation.compile_seconds - compiled
@@ -324,15 +345,17 @@ def _run_of(trajectory: Trajectory) -> Run:
 
 def _checked(
     controller: Callable[[Simulation], Any], robot: Robot
-) -> Callable[[Simulation], tuple[Array, Array]]:
-    """Return a controller of the user as `controlled` expects it: with rates, of valid shapes."""
-    still = np.zeros((robot.link_count - 1, 2))
+) -> Callable[[Simulation], Reference]:
+    """Return a controller of the user as `controlled` expects it."""
 
-    def references(simulation: Simulation) -> tuple[Array, Array]:
-        angle, rate = references_of(controller(simulation), robot, 'controller(simulation)')
-        return angle, still if rate is None else rate
+    def control(simulation: Simulation) -> Reference:
+        returned = controller(simulation)
+        if callable(returned):
+            return returned  # type: ignore[no-any-return]
+        angle, rate = references_of(returned, robot, 'controller(simulation)')
+        return going_on(simulation.time, angle, np.zeros_like(angle) if rate is None else rate)
 
-    return references
+    return control
 
 
 # ---- values of scenes ---------------------------------------------------------------------------

@@ -72,7 +72,6 @@ class Job(NamedTuple):
     scene: Scene
     level: str
     loop: bool  # only the loop over steps, for which it needs the solver of the other process
-    single: bool  # single steps, too
 
     def do(self, tell: Callable[[str], object]) -> None:
         """Fill the cache; report the name of every function that is compiled."""
@@ -84,7 +83,7 @@ class Job(NamedTuple):
             else:
                 compile_solver(self.scene, self.level)
                 compile_sampling(self.scene)
-                Simulation(self.scene).compile(levels=[self.level], single=self.single)
+                Simulation(self.scene).compile(levels=[self.level])
 
 
 class Compiler:
@@ -98,8 +97,6 @@ class Compiler:
         Takes a level, and calls all that is compiled for it. It is called in another thread.
     levels : sequence of str
         What is compiled, one after the other.
-    single : bool, optional
-        Whether calls with one step are compiled as well.
 
     Attributes
     ----------
@@ -116,11 +113,8 @@ class Compiler:
 
     """
 
-    def __init__(
-        self, scene: Scene, load: Callable[[str], object], levels: Sequence[str], *,
-        single: bool = False,
-    ) -> None:  # fmt: skip
-        self.scene, self.load, self.levels, self.single = scene, load, levels, single
+    def __init__(self, scene: Scene, load: Callable[[str], object], levels: Sequence[str]) -> None:
+        self.scene, self.load, self.levels = scene, load, levels
         self.functions = self.loaded = self.needed = self._before = 0
         self._counts = [function_counts(scene, level) for level in levels]
         self.most = [sum(counts.values()) for counts in self._counts]
@@ -196,7 +190,7 @@ class Compiler:
         try:
             for level in self.levels:
                 for loop in (True, False):
-                    self._start_child(Job(self.scene, level, loop, self.single))
+                    self._start_child(Job(self.scene, level, loop))
                 while any(child.poll() is None for child in self._children):
                     self._end.wait(CHECK)
                 if self._end.is_set():

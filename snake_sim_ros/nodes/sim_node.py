@@ -109,7 +109,7 @@ class SimNode(Node):
         levels = levels_of(scene)
         missing = [level for level in levels if not is_loaded(partial(self._load, level))]
         if missing:
-            self.compiler = Compiler(scene, self._load, missing, single=self.steps == 1)
+            self.compiler = Compiler(scene, self._load, missing)
             if reason := why_compile():
                 self.get_logger().info(reason)
         if self.compiler and levels[0] in missing:
@@ -124,7 +124,7 @@ class SimNode(Node):
 
     def _load(self, level: str) -> None:
         compile_sampling(self.simulation.scene)
-        self.simulation.compile(levels=[level], single=self.steps == 1)
+        self.simulation.compile(levels=[level])
 
     def begin(self, seconds: float) -> None:
         """Take commands, since the physics is ready after some time [s]."""

@@ -19,7 +19,7 @@ this. It is no bound: the constants below are calibrated in 200 random scenes, o
 misses; `comparison.limits` judges others, and docs/speed_accuracy.md has the numbers.
 """
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from fractions import Fraction
 import math
 
@@ -56,9 +56,9 @@ def longest_step(scene: Scene, accuracy: float) -> float:
     return min(LONGEST_STEP, turn / max(fastest, turn / LONGEST_STEP))
 
 
-def common_divisor(scene: Scene, period: float) -> float:
+def common_divisor(scene: Scene, periods: Mapping[str, float]) -> float:
     """
-    Return the longest time that divides a sampling period and the periods of the controllers [s].
+    Return the longest time that divides some periods and those of the joint controllers [s].
 
     Raises
     ------
@@ -66,25 +66,25 @@ def common_divisor(scene: Scene, period: float) -> float:
         If it is below LEAST_STEP.
 
     """
-    own = control_periods(scene.robot)
-    if not own:
-        return period
-    named = {'sampling period': period} | own
+    named: dict[str, float] = {**periods, **control_periods(scene.robot)}
+    if len(named) == 1:
+        return next(iter(periods.values()))
     parts = [Fraction(time).limit_denominator(FINEST) for time in named.values()]
     unit = math.lcm(*(part.denominator for part in parts))
     divisor = math.gcd(*(int(part * unit) for part in parts)) / unit
     if divisor < LEAST_STEP:
-        periods = ', '.join(f'{name} {time:g} s' for name, time in named.items())
+        listed = ', '.join(f'{name} {time:g} s' for name, time in named.items())
         raise ParameterError(
             f'periods must have a common divisor of at least {LEAST_STEP:g} s, or dt must be '
-            f'given, got {periods}'
+            f'given, got {listed}'
         )
     return divisor
 
 
 def with_accuracy(
-    scene: Scene, accuracy: float, period: float, given: Container[str] = ()
-) -> Scene:
+    scene: Scene, accuracy: float, period: float | Mapping[str, float],
+    given: Container[str] = (),
+) -> Scene:  # fmt: skip
     """
     Return a scene that is run with an accuracy.
 
@@ -93,10 +93,10 @@ def with_accuracy(
     scene : Scene
     accuracy : float
         Relative error of the path over a gait cycle, above 0.
-    period : float
-        Time between two samples [s]. The steps of the scene are the longest that divide it and
-        the periods of the controllers, `longest_step` at most. Each is taken in as many parts as
-        the accuracy needs.
+    period : float or mapping
+        Time between two samples [s], or name -> period of more that steps divide. The steps of the
+        scene are the longest that divide them and the periods of the joint controllers,
+        `longest_step` at most. Each is taken in as many parts as the accuracy needs.
     given : container of str, optional
         Names of values that stay as they are in the scene, of `dt`, `method` and
         `solver.residual_tolerance`.
@@ -109,9 +109,10 @@ def with_accuracy(
     """
     if accuracy != scene.accuracy:
         scene = with_settings(scene, {'accuracy': accuracy})
-    whole = period if 'dt' in given else common_divisor(scene, period)
+    periods = period if isinstance(period, Mapping) else {'sampling period': period}
+    divides = min(periods.values()) if 'dt' in given else common_divisor(scene, periods)
     settings = {
-        'dt': whole / max(1, math.ceil(whole / longest_step(scene, accuracy) - 1e-9)),
+        'dt': divides / max(1, math.ceil(divides / longest_step(scene, accuracy) - 1e-9)),
         'method': 'bdf2',
         'solver.residual_tolerance': RESIDUAL,
     }

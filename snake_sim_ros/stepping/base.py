@@ -127,8 +127,8 @@ def divergence(link: int, turn: float, dt: float) -> str:
     )
 
 
-class OneByOne(Protocol):
-    """Single steps that continue a run in place; see `steps.SingleSteps`."""
+class InPlace(Protocol):
+    """Calls that continue a run in place; see `steps.StepsInPlace`."""
 
     steps: Any  # the `steps.Steps`, which change in place
 
@@ -138,7 +138,7 @@ class OneByOne(Protocol):
     @property
     def history(self) -> History: ...  # noqa: D102
 
-    def take_one_step(  # noqa: D102
+    def take(  # noqa: D102
         self, angle: Array, rate: Array, pushes: PushTable
     ) -> Report | None: ...
 
@@ -218,8 +218,10 @@ class Stepper(Protocol):
         """Let a step take that many contact iterations at most."""
         ...
 
-    def single_steps(self, state: State, history: History, pushes: PushTable) -> OneByOne | None:
-        """Return single steps that continue the last call; None if there are none."""
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable
+    ) -> InPlace | None:
+        """Return calls of some steps that continue the last one; None if there are none."""
         ...
 
 

@@ -28,7 +28,7 @@ from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, Samples
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import copied, History, is_finite, Returned, State
-from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, SingleSteps, Steps
+from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, Steps, StepsInPlace
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
@@ -303,23 +303,29 @@ class LevelStepper:
             memory = LevelMemory(memory.planar, history.memory)
         return state, history._replace(memory=memory), report
 
-    def single_steps(
-        self, state: State, history: History, pushes: PushTable
-    ) -> SingleSteps | None:
-        """Return steps that continue the last call; None in a pause at the spatial level."""
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable
+    ) -> StepsInPlace | None:
+        """Return steps that continue the last call; None if the level changed in it."""
         memory, is_planar = history.memory, history.settling[0] <= 0
-        if history.settling[0] > self.settle_steps:
+        if len(self.ticks) > 1 or is_planar != (self.level == 'planar'):
             return None
-        found: SingleSteps | None
+        found: StepsInPlace | None
         if is_planar:
             own = history._replace(memory=memory.planar)
-            found = self.planar.single_steps(state, own, pushes)
+            found = self.planar.in_place(count, state, own, pushes)
         else:
             own = history._replace(memory=memory.spatial)
-            pitch = NO_PITCH if self.spatial.model.settle_steps else PITCH
-            found = self.spatial.single_steps(state, own, pushes, pitch)
+            pauses = history.settling[0] > self.settle_steps
+            pitch = NO_PITCH if self.spatial.model.settle_steps or pauses else PITCH
+            found = self.spatial.in_place(count, state, own, pushes, pitch)
+            if pauses:
+                found.pause_ends = self.settle_steps
         if not found:
             return None
+        # What a call notes of its steps stays until the next one.
+        found.steps.cycles[:] = self.ticks[0]
+        self.ticks = [found.steps.cycles]
         history_of = found.end.history
 
         def whole(steps: Steps) -> History:
@@ -349,18 +355,18 @@ class LevelStepper:
         elif self.planar.rolls_or_lifts and not self.scene.pegs.x:
             memory.slip[0] += 2.0 * self.planar.model.height * AUTO_ROLL
 
-    def prepare(self, level: str, state: State, *, single: bool = False) -> None:
-        """Compile a level that is not used yet, by a call without steps, and its single steps."""
+    def prepare(self, level: str, state: State) -> None:
+        """Compile a level that is not used yet, by a call without steps, and steps in place."""
         stepper = {'planar': self.planar, 'spatial': self.spatial}[level]
         if level not in self.used:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             history, samples = self.empty_history(), self.spatial.no_samples
             if stepper is self.planar:
-                self.planar.prepare(state, single=single)
-            elif single:
+                self.planar.prepare(state)
+            else:
                 own = history._replace(memory=history.memory.spatial)
-                self.spatial.single_steps(state, own, NO_PUSHES).prepare()
+                self.spatial.in_place(1, state, own, NO_PUSHES).prepare()
             inputs = Inputs(none, none, samples, NO_PUSHES)
             self.take_steps(stepper, state, history, inputs, goes_on=False)
             self.compile_seconds += time.perf_counter() - begin
@@ -424,11 +430,11 @@ class FlatStepper:
             report.failure = f'level planar: {reason}; choose level spatial or auto'
         return state, history, report
 
-    def single_steps(
-        self, state: State, history: History, pushes: PushTable
-    ) -> SingleSteps | None:
-        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
-        return self.planar.single_steps(state, history, pushes)
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable
+    ) -> StepsInPlace | None:
+        """Return steps that continue from a state and its history; see `steps.StepsInPlace`."""
+        return self.planar.in_place(count, state, history, pushes)
 
 
 def stepper_of_level(scene: Scene, method: Method) -> Stepper:

@@ -58,7 +58,7 @@ def compile_form(number: int) -> None:
     """Compile or load everything for one of FORMS."""
     CodeCache.shares_work = True
     compile_sampling(scene_of(number))
-    Simulation(scene_of(number)).compile(single=True)
+    Simulation(scene_of(number)).compile()
 
 
 def loaded() -> Iterator[CodeCache]:

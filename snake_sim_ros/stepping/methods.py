@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of time stepping methods. A new method is an entry here, and a module."""
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -123,7 +123,9 @@ def method_of(scene: Scene) -> str:
     return scene.method
 
 
-def with_usual_steps(scene: Scene, given: Container[str], period: float) -> Scene:
+def with_usual_steps(
+    scene: Scene, given: Container[str], period: float | Mapping[str, float]
+) -> Scene:
     """
     Return a scene with the steps that its accuracy needs, if it has one.
 
@@ -135,8 +137,8 @@ def with_usual_steps(scene: Scene, given: Container[str], period: float) -> Scen
     scene : Scene
     given : container of str
         Dotted names of the values that a user gave beside the file of the scene.
-    period : float
-        Time between two samples [s].
+    period : float or mapping
+        Time between two samples [s], or more that steps divide; see `with_accuracy`.
 
     Raises
     ------

@@ -185,9 +185,9 @@ def add_pushes_in_plane(
 
 
 @inlined
-def lifts_at_once(pushes: PushTable) -> bool:
-    """Return whether a push acts in the first step that does not leave the robot flat."""
-    stretch = whole_step(pushes, 0)
+def lifts_in_step(pushes: PushTable, step: int) -> bool:
+    """Return whether a push acts in one of the next steps that does not leave the robot flat."""
+    stretch = whole_step(pushes, step)
     for p in range(len(pushes.link)):
         if pushes.lifts[p] == 1 and share(pushes, p, stretch) > 0.0:
             return True

@@ -19,7 +19,7 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.parameters import Array, load_scene, samples_of, Scene
-from snake_sim_ros.stepping.base import OneByOne, Report, Stepper
+from snake_sim_ros.stepping.base import InPlace, Report, Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces, last_span
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.stepping.methods import make_stepper
@@ -191,7 +191,7 @@ class Simulation:
         self.stepper = stepper or make_stepper(scene)
         self.step_count, self.gait, self.pushes = 0, GaitAhead(scene), Pushes(scene)
         self.budget = IterationBudget()
-        self._single_steps: OneByOne | None = None
+        self._in_place: InPlace | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -200,9 +200,7 @@ class Simulation:
         axes = (self.scene.robot.link_count - 1, 2)
         self.report = self.last = Report(joint_torque=np.zeros(axes))
 
-    def compile(
-        self, wave: Gait | None = None, levels: Sequence[str] = LEVELS, *, single: bool = False
-    ) -> float:
+    def compile(self, wave: Gait | None = None, levels: Sequence[str] = LEVELS) -> float:
         """
         Compile what steps and records need, by steps that leave the state; return the time [s].
 
@@ -212,8 +210,6 @@ class Simulation:
             If given, only the level for its first step is compiled, whatever `levels` are.
         levels : sequence of str, optional
             Those that are compiled, if the scene may have them.
-        single : bool, optional
-            Whether calls with one step are compiled as well, otherwise at the second such call.
 
         """
         begin = time.perf_counter()
@@ -223,13 +219,13 @@ class Simulation:
             contact_forces(self.scene, self.state, self.history)
         if isinstance(self.stepper, LevelStepper) and not wave:
             for level in levels:
-                self.stepper.prepare(level, self.state, single=single)
+                self.stepper.prepare(level, self.state)
         else:
             count = self.scene.robot.link_count - 1
             reference = gait.reference(wave or self.scene.gait, self.midpoints(1), count)
             kept = make_samples(self.scene, 1, 1)
             result = self.stepper.advance(self.state, self.history, *reference, kept)
-            if single and (steps := self.stepper.single_steps(*result[:2], NO_PUSHES)):
+            if steps := self.stepper.in_place(1, *result[:2], NO_PUSHES):
                 steps.prepare()
         return time.perf_counter() - begin
 
@@ -361,14 +357,15 @@ class Simulation:
             return self.report
         rate = np.zeros(np.shape(angle)) if rate is None else rate
         pushes = self.pushes.at(self.step_count)
-        going_on = self._single_steps if samples is None and not self.budget.share else None
-        last = going_on.take_one_step(angle, rate, pushes) if going_on else None
+        going_on = self._in_place if samples is None and not self.budget.share else None
+        last = going_on.take(angle, rate, pushes) if going_on else None
         if not last:
             last = self._taken(angle, rate, samples, pushes)
-        goes_on = last.steps == self.last.steps == 1 and not self._single_steps
+        count = len(angle)
+        goes_on = last.steps == self.last.steps == count > 0 and not self._in_place
         self._noted(last)
         if goes_on and samples is None and not (self.given or self.budget.share):
-            self._single_steps = self.stepper.single_steps(self._state, self._history, pushes)
+            self._in_place = self.stepper.in_place(count, self._state, self._history, pushes)
         return last
 
     def _taken(
@@ -396,7 +393,7 @@ class Simulation:
     @property
     def state(self) -> State:
         """The last good state."""
-        return self._single_steps.state if self._single_steps else self._state
+        return self._in_place.state if self._in_place else self._state
 
     @state.setter
     def state(self, state: State) -> None:
@@ -405,7 +402,7 @@ class Simulation:
     @property
     def history(self) -> History:
         """What the next step takes from the last one, besides the state."""
-        return self._single_steps.history if self._single_steps else self._history
+        return self._in_place.history if self._in_place else self._history
 
     @history.setter
     def history(self, history: History) -> None:
@@ -414,11 +411,11 @@ class Simulation:
     @property
     def present_history(self) -> History:
         """The impulses of the history, to be read until the next step changes them in place."""
-        return self._single_steps.steps.history if self._single_steps else self._history
+        return self._in_place.steps.history if self._in_place else self._history
 
     def _go_on_from(self, state: State, history: History) -> None:
         """Continue from a state and its history."""
-        self._state, self._history, self._single_steps = state, history, None
+        self._state, self._history, self._in_place = state, history, None
 
 
 def sample(

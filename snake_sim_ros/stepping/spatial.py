@@ -13,7 +13,14 @@ from snake_sim_ros.stepping.model import make_model, make_workspace
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, make_samples, Samples
 from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
-from snake_sim_ros.stepping.steps import ANY_PITCH, End, make_steps, Record, report_of, SingleSteps
+from snake_sim_ros.stepping.steps import (
+    ANY_PITCH,
+    End,
+    make_steps,
+    Record,
+    report_of,
+    StepsInPlace,
+)
 
 
 class SpatialStepper:
@@ -80,12 +87,13 @@ class SpatialStepper:
         history = self.empty_history() if report.failure else steps.history
         return State(steps.q, steps.u), history, report
 
-    def single_steps(
-        self, state: State, history: History, pushes: PushTable, pitch: int = ANY_PITCH
-    ) -> SingleSteps:
-        """Return steps that continue from a state and its history; see `steps.SingleSteps`."""
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable,
+        pitch: int = ANY_PITCH,
+    ) -> StepsInPlace:  # fmt: skip
+        """Return steps that continue from a state and its history; see `steps.StepsInPlace`."""
         end = End(
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
         )
-        return SingleSteps(self, (state.q, state.u), history, pushes, pitch, end)
+        return StepsInPlace(self, count, (state.q, state.u), history, pushes, pitch, end)

@@ -1,15 +1,16 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-The steps that a compiled loop takes, its report, and steps that are taken one at a time.
+The steps that a compiled loop takes, its report, and calls that continue in place.
 
-`SingleSteps` are those of `base.Stepper.advance`, to the bit, as a controller in Python takes
-them. `advance` checks and copies what it is given, chooses a level, and makes a new state. Single
-steps stay in memory: the compiled loop continues from where it ended, as long as nothing but a
-step like the last one is requested.
+`StepsInPlace` are those of `base.Stepper.advance`, to the bit, as a controller in Python takes
+them. `advance` checks and copies what it is given, chooses a level, and makes a new state. Steps
+in place stay in memory: the compiled loop continues from where it ended, as long as nothing but
+as many steps like the last ones are requested.
 """
 
 from collections.abc import Callable, Iterable
+import math
 from typing import Any, cast, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array
 from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
-from snake_sim_ros.stepping.pushes import lifts_at_once, NO_PUSHES, PushTable
+from snake_sim_ros.stepping.pushes import lifts_in_step, NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History, named_arrays, State, with_arrays
 
@@ -217,27 +218,28 @@ class End(NamedTuple):
 
 
 class Next(NamedTuple):
-    """The requested step, and the kind of steps that a loop takes."""
+    """The requested steps, and the kind of steps that a loop takes."""
 
     pitch: int  # steps that the loop takes: ANY_PITCH, NO_PITCH or PITCH
     settles: bool  # whether the robot must yet lie flat before it is planar; see `state.History`
-    angle: Array  # (1, n-1, 2) as in `Steps` [rad]
-    rate: Array  # (1, n-1, 2) [rad/s]
+    angle: Array  # (steps, n-1, 2) as in `Steps` [rad]
+    rate: Array  # (steps, n-1, 2) [rad/s]
     settling: Array  # (1,) as in `state.History`
     report: Any  # (1,) a record of REPORT
     pushes: PushTable  # as in `Steps`
 
 
 @compiled
-def begin_one(following: 'Next') -> int:
-    """Empty the report for the `Next` step; return 1 if the loop can take it, or 0."""
+def begin_next(following: 'Next') -> int:
+    """Empty the report for the `Next` steps; return 1 if the loop can take them, or 0."""
     if following.pitch != ANY_PITCH:
-        angle, rate, largest = following.angle, following.rate, 0.0
-        for j in range(angle.shape[1]):
-            largest = max(largest, abs(angle[0, j, 1]), abs(rate[0, j, 1]))
-        is_vertical = largest > PITCH_ROUNDING or lifts_at_once(following.pushes)
-        if is_vertical != (following.pitch == PITCH):
-            return 0
+        for k in range(len(following.angle)):
+            angle, rate, largest = following.angle[k], following.rate[k], 0.0
+            for j in range(len(angle)):
+                largest = max(largest, abs(angle[j, 1]), abs(rate[j, 1]))
+            is_vertical = largest > PITCH_ROUNDING or lifts_in_step(following.pushes, k)
+            if is_vertical != (following.pitch == PITCH):
+                return 0
         if (following.settling[0] > 0.0) != following.settles:
             return 0
     clear_report(following.report[0])
@@ -260,13 +262,15 @@ class Given:
         return self.read() != self.content
 
 
-class SingleSteps:
+class StepsInPlace:
     """
-    The loop of one level, which continues from its last step one step at a time.
+    The loop of one level, which continues from its last step by as many steps in each call.
 
     Parameters
     ----------
     stepper : SpatialStepper or PlanarStepper
+    count : int
+        Steps of a call.
     state : tuple of ndarray
         q and u, as in `steps.Steps`; they are copied.
     history : History
@@ -281,12 +285,14 @@ class SingleSteps:
     ----------
     left : str
         Why the planar level was left, for the reports; empty if it was not.
+    pause_ends : float
+        `state.History.settling` at the end of a pause, if the steps are those of one.
 
     """
 
     def __init__(
-        self, stepper: Any, state: tuple[Array, Array], history: History, pushes: PushTable,
-        pitch: int, end: End,
+        self, stepper: Any, count: int, state: tuple[Array, Array], history: History,
+        pushes: PushTable, pitch: int, end: End,
     ) -> None:  # fmt: skip
         q, u = state
         arrays = {'q': q, 'u': u, **named_arrays(history)}
@@ -295,7 +301,7 @@ class SingleSteps:
         ends = np.cumsum([array.size for array in arrays.values()])[:-1]
         parts = zip(arrays.items(), np.split(self.block, ends), strict=True)
         views = {name: part.reshape(array.shape) for (name, array), part in parts}
-        self.shape = (1, len(u) - 1, 2)
+        self.shape = (count, len(u) - 1, 2)
         reference = np.zeros(self.shape), np.zeros(self.shape)
         self.steps = make_steps(
             (views['q'], views['u']), with_arrays(history, views), reference,
@@ -306,19 +312,19 @@ class SingleSteps:
         stepper.cycles = self.steps.cycles
         settling = self.steps.history.settling
         following = pitch, bool(settling[0] > 0.0), self.angle, self.rate, settling
-        self.begin = BoundCall(begin_one, Block(Next(*following, self.steps.report, pushes)))
+        self.begin = BoundCall(begin_next, Block(Next(*following, self.steps.report, pushes)))
         self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
-        self.end, self.left = end, ''
+        self.end, self.left, self.pause_ends = end, '', -math.inf
         self.given_state: Given | None = None
         self.given_history: Given | None = None
 
-    def take_one_step(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
+    def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
         """
-        Take a step, and return its report; None, without a step, if it is not like the last one.
+        Take steps, and return their report; None, without a step, if one is not like the last.
 
-        Nothing is checked but that the references, as in `base.Stepper.advance`, are those of one
-        step, and that state and history are not changed from outside. The caller takes all other
-        steps, and says what is wrong with them.
+        Nothing is checked but that the references, as in `base.Stepper.advance`, are those of as
+        many steps, and that state and history are not changed from outside. The caller takes all
+        other steps, and says what is wrong with them.
         """
         if not (type(angle) is type(rate) is np.ndarray and angle.dtype is rate.dtype is FLOAT):
             return None
@@ -329,18 +335,23 @@ class SingleSteps:
         for given in (self.given_state, self.given_history):
             if given and given.is_changed():
                 return None
+        settling, count = self.steps.history.settling, len(self.angle)
+        if settling[0] - count < self.pause_ends:
+            return None
         self.angle[...], self.rate[...], self.before[...] = angle, rate, self.block
         if self.begin():
             self.loop()
             report = report_of(self.steps, self.applied, self.dt, self.level, self.left)
-            if report.steps:
+            if report.steps == count:
+                if self.pause_ends > -math.inf:
+                    settling[0] -= count
                 self.given_state = self.given_history = None
                 return report
             self.block[...] = self.before
         return None
 
     def prepare(self) -> None:
-        """Compile the steps, by one that is not taken."""
+        """Compile the steps, by some that are not taken."""
         self.begin()
         self.loop()
         self.block[...] = self.before

@@ -15,15 +15,13 @@ from snake_sim_ros.stepping.simulation import Simulation
 LAYOUT = 'compiling |{bar}| {n:.0f} of at most {total} functions, {elapsed}'
 
 
-def compile_with_bar(simulation: Simulation, *, single: bool) -> None:
+def compile_with_bar(simulation: Simulation) -> None:
     """
     Compile what the first steps with the gait of a scene need, with a bar unless it is there.
 
     Parameters
     ----------
     simulation : Simulation
-    single : bool
-        Whether calls with one step are compiled as well.
 
     """
     is_spatial = is_vertical(*simulation.gait_reference(1))[0]
@@ -42,7 +40,7 @@ def compile_with_bar(simulation: Simulation, *, single: bool) -> None:
 
     try:
         with watched(tell, at_end=True):
-            simulation.compile(simulation.scene.gait, single=single)
+            simulation.compile(simulation.scene.gait)
     finally:
         if bar is not None:
             bar.close()

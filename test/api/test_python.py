@@ -29,6 +29,7 @@ from snake_sim_ros import (
 )
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.commands.main import COMMANDS
+from snake_sim_ros.scene.gait import reference
 from snake_sim_ros.stepping.levels import LevelStepper
 from snake_sim_ros.studies.metrics import METRICS
 
@@ -216,7 +217,7 @@ def test_a_controller_is_called_at_every_sample():
 
 @pytest.mark.parametrize('dt', [1 / 100, 1 / 200, 1 / 4000])  # 1, 2 and 40 steps a sample
 def test_a_controller_that_commands_the_gait_is_the_gait(dt, monkeypatch):
-    # One step a sample takes the same references, and so do more of them from those held.
+    # Angles and rates go on as they are; a reference of times is that of the gait, to the bit.
     count, begun = [0], LevelStepper.advance
 
     def counted(*arguments):
@@ -232,17 +233,22 @@ def test_a_controller_that_commands_the_gait_is_the_gait(dt, monkeypatch):
         return angle[0], rate[0]
 
     commanded = run(SCENE, values, controller=follow)
-    assert count[0] <= (6 if steps < 40 else samples + 6)  # single steps go on in place
+    assert count[0] <= 6  # steps go on in place
     other = Simulation(load_scene(SCENE, values))
     for k in range(1, samples + 1):
-        other.advance(*(np.repeat(part, steps, axis=0) for part in other.gait_reference(1)))
+        (angle, rate), age = other.gait_reference(1), other.midpoints(steps) - other.time
+        rate = np.repeat(rate, steps, axis=0)
+        other.advance(angle + age[:, None, None] * rate, rate)
         assert (commanded.position[k] == other.state.position).all()
         assert (commanded.joint_torque[k] == other.joint_torque).all()
     assert commanded.report.iterations == other.report.iterations
-    if steps == 1:
-        wave = run(SCENE, values)
-        for name in ('position', 'orientation', 'joint_torque', 'level'):
-            assert (getattr(commanded, name) == getattr(wave, name)).all()
+
+    def gait(simulation):
+        return lambda times: reference(simulation.scene.gait, times, 10)
+
+    commanded, wave = run(SCENE, values, controller=gait), run(SCENE, values)
+    for name in ('position', 'orientation', 'joint_torque', 'level'):
+        assert (getattr(commanded, name) == getattr(wave, name)).all()
         for name in ('contact_sample', 'contact_number'):
             assert (getattr(commanded, name) == getattr(wave, name)).all()
         assert commanded.contact_force == pytest.approx(wave.contact_force, rel=1e-12, abs=1e-12)

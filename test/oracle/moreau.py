@@ -278,8 +278,8 @@ class DenseStepper:
                 samples.add(report.steps - 1, *kept)
         return state, history, report
 
-    def single_steps(self, state: State, history: History, pushes: PushTable) -> None:
-        """Return None: `advance` takes single steps as any others."""
+    def in_place(self, count: int, state: State, history: History, pushes: PushTable) -> None:
+        """Return None: `advance` takes all steps."""
 
     def step(
         self, state: State, history: History, angle: Array, rate: Array,

@@ -29,7 +29,7 @@ from snake_sim_ros.dynamics.compilation import watched
 names = []
 with watched(names.append):
     simulation = Simulation(load_scene('lateral_undulation'))
-    simulation.compile(single=True)
+    simulation.compile()
     simulation.advance(*simulation.gait_reference(20))
 print(names, simulation.state.u.tobytes().hex())
 """

@@ -336,16 +336,16 @@ def test_pushes_act_in_any_calls_alike(method):
     assert report.left == one_by_one.last.left == 'link 3 is pushed out of the plane'
 
 
-def test_single_steps_go_on_while_a_push_lasts():
+def test_steps_in_place_go_on_while_a_push_lasts():
     simulation = Simulation(replace(load_scene('lateral_undulation'), method='newton'))
     simulation.pushes.begin(5, (0.0, 3.0, 0.0), duration=1.0)
     for _ in range(3):
         advanced(simulation, 1)
-    going_on = simulation._single_steps
+    going_on = simulation._in_place
     assert going_on
     for _ in range(5):
         advanced(simulation, 1)
-    assert simulation._single_steps is going_on
+    assert simulation._in_place is going_on
 
 
 def test_the_planar_level_says_what_lifts():

@@ -16,7 +16,7 @@ def test_a_bar_is_shown_if_something_compiles(scene, tmp_path, monkeypatch, capf
     monkeypatch.setattr(code_cache, 'FOLDER', tmp_path)
     simulation = Simulation(load_scene(scene))
     monkeypatch.setattr(simulation, 'compile', lambda *_, **__: None)
-    compile_with_bar(simulation, single=False)
+    compile_with_bar(simulation)
     assert not capfd.readouterr().err
 
     @compiled
@@ -24,5 +24,5 @@ def test_a_bar_is_shown_if_something_compiles(scene, tmp_path, monkeypatch, capf
         return 2.0 * x
 
     monkeypatch.setattr(simulation, 'compile', lambda *_, **__: begin_step(1.5))
-    compile_with_bar(simulation, single=False)
+    compile_with_bar(simulation)
     assert 'compiling |' in capfd.readouterr().err

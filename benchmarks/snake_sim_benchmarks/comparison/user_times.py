@@ -30,8 +30,9 @@ from snake_sim_benchmarks.comparison.bench_tables import (
     RUN,
 )
 from snake_sim_ros import Scene, Simulation
-from snake_sim_ros.scene.parameters import Array, samples_of
-from snake_sim_ros.stepping.controlled import controlled
+from snake_sim_ros.controllers.controller import Reference
+from snake_sim_ros.scene.parameters import samples_of
+from snake_sim_ros.stepping.controlled import controlled, going_on
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import simulate
 
@@ -92,14 +93,15 @@ def _times(rows: tuple[Row, ...], scene: Scene) -> list[Row]:
 def _controlled(scene: Scene) -> float:
     """Return the wall time of a run whose controller commands the gait of the scene [s]."""
     simulation = Simulation(scene)
-    simulation.compile(scene.gait, single=True)
+    simulation.compile(scene.gait)
 
-    def follow(simulation: Simulation) -> tuple[Array, Array]:
+    def follow(simulation: Simulation) -> Reference:
         angle, rate = simulation.gait_reference(1)
-        return angle[0], rate[0]
+        return going_on(simulation.midpoints(1)[0], angle[0], rate[0])
 
     steps, samples = samples_of(scene, RATE)
-    return controlled(simulation, steps, samples, follow, keep=Keep(contacts=True)).seconds
+    keep = Keep(contacts=True)
+    return controlled(simulation, steps, samples, follow, steps, keep=keep).seconds
 
 
 def _small_calls(scene: Scene) -> dict[str, float]:

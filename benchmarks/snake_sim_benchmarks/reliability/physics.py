@@ -98,7 +98,7 @@ def warm_up(kind: tuple[str, str]) -> None:
     for number in range(10):
         try:
             case = random_case(np.random.default_rng(number), *kind)
-            Simulation(scene_of(case)).compile(single=True)
+            Simulation(scene_of(case)).compile()
             judged(case)
             return
         except ParameterError:

@@ -29,8 +29,8 @@ from snake_sim_ros.stepping.steps import (
     NO_PITCH,
     Record,
     report_of,
-    SingleSteps,
     Steps,
+    StepsInPlace,
 )
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
@@ -246,24 +246,25 @@ class PlanarStepper:
         """Return the heights of the link centers while a robot moves in the plane, (n,) [m]."""
         return state.q[:, 2].copy() if self.keeps_tilts else self.model.heights
 
-    def single_steps(
-        self, state: State, history: History, pushes: PushTable
-    ) -> SingleSteps | None:
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable
+    ) -> StepsInPlace | None:
         """
-        Return single steps that continue from a state and its history; see `steps.SingleSteps`.
+        Return steps that continue from a state and its history; see `steps.StepsInPlace`.
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
         if not (isinstance(self.loop, Loop) and self.goes_on(state, history.memory)):
             return None
         coordinates = self.coordinates(state, history.memory, True)
-        return self.going_on(state, history, pushes, *coordinates)
+        return self.going_on(count, state, history, pushes, coordinates)
 
     def going_on(
-        self, state: State, history: History, pushes: PushTable, q: Array, u: Array, tilt: Array
-    ) -> SingleSteps:
-        """Return single steps that continue from planar coordinates, at the heights of a state."""
-        height = self.heights(state)
+        self, count: int, state: State, history: History, pushes: PushTable,
+        coordinates: tuple[Array, Array, Array],
+    ) -> StepsInPlace:  # fmt: skip
+        """Return steps that continue from planar coordinates, at the heights of a state."""
+        height, (q, u, tilt) = self.heights(state), coordinates
 
         def remembered(steps: Steps) -> History:
             history = copied(steps.history)
@@ -271,15 +272,14 @@ class PlanarStepper:
             return history
 
         end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
-        return SingleSteps(self, (q, u), history, pushes, NO_PITCH, end)
+        return StepsInPlace(self, count, (q, u), history, pushes, NO_PITCH, end)
 
-    def prepare(self, state: State, *, single: bool) -> None:
-        """Compile what is around the loop, and single steps if requested."""
+    def prepare(self, state: State) -> None:
+        """Compile steps in place, and what is around the loop."""
         height, history = self.heights(state), self.empty_history()
         memory = history.memory
         q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
-        if single:
-            self.going_on(state, history, NO_PUSHES, q, u, tilt).prepare()
+        self.going_on(1, state, history, NO_PUSHES, (q, u, tilt)).prepare()
         end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
         to_space(self.joints, (q, u, tilt), height, end.q[0], end.u[0])
         samples_to_space(self.joints, (q[None], u[None], tilt), height, 1, end.q, end.u)

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steps that are taken one at a time in memory that stays: the same bits as by any other call."""
+"""Calls of a few steps in memory that stays: the same bits as by any other call."""
 
 from dataclasses import astuple, replace
 
@@ -18,13 +18,13 @@ CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')
 each_method = pytest.mark.parametrize('method', METHODS)
 
 
-def one_by_one(simulation, angle, rate):
-    """Take steps one at a time, in slices that are views; return how many went on in place."""
+def some_by_some(simulation, angle, rate, count=1):
+    """Take steps, some in a call, in slices that are views; return how many went on in place."""
     in_place = 0
-    for k in range(len(angle)):
-        before = simulation._single_steps
-        simulation.advance(angle[k : k + 1], rate[k : k + 1])
-        in_place += before is not None and simulation._single_steps is before
+    for k in range(0, len(angle), count):
+        before = simulation._in_place
+        simulation.advance(angle[k : k + count], rate[k : k + count])
+        in_place += count if before is not None and simulation._in_place is before else 0
         if simulation.last.failure:
             break
     return in_place
@@ -38,10 +38,10 @@ def are_same(one, other):
     assert all(map(np.array_equal, *reports))
 
 
-def both(scene, angle, rate):
-    """Return simulations after the same steps, one at a time and all at once, and the share."""
+def both(scene, angle, rate, count=1):
+    """Return simulations after the same steps, some by some and all at once, and the share."""
     single, whole = Simulation(scene), Simulation(scene)
-    in_place = one_by_one(single, angle, rate)
+    in_place = some_by_some(single, angle, rate, count)
     whole.advance(angle, rate)
     return single, whole, in_place / len(angle)
 
@@ -54,26 +54,28 @@ def lifted(scene, steps, lifts):
     return angle, rate
 
 
+@pytest.mark.parametrize('count', [1, 5])
 @each_method
 @pytest.mark.parametrize('level', ['planar', 'spatial', 'auto'])
-def test_single_steps_are_the_steps_of_one_call(method, level):
-    steps = 60
+def test_some_steps_in_each_call_are_the_steps_of_one_call(method, level, count):
+    steps = 60 * count
     settings = {'method': method, 'level': level, 'dt': 1e-3, 'solver.iteration_limit': 50}
     scene = with_settings(CASE_A, settings)
-    single, whole, share = both(scene, *references(scene, steps))
+    single, whole, share = both(scene, *references(scene, steps), count)
     are_same(single, whole)
     if method in ('newton', 'bdf2') or level == 'spatial':
         assert share > 0.9
 
 
+@pytest.mark.parametrize('count', [1, 4])
 @pytest.mark.parametrize('method', ['newton', 'bdf2'])
-def test_the_level_changes_in_the_same_steps(method):
+def test_the_level_changes_in_the_same_steps(method, count):
     scene = with_settings(CASE_A, {'method': method, 'dt': 1e-3, 'settling_time': 0.03})
     lifts = [(40, 43), (130, 160), (200, 201), (203, 204)]
-    single, whole, share = both(scene, *lifted(scene, 300, lifts))
+    single, whole, share = both(scene, *lifted(scene, 300, lifts), count)
     are_same(single, whole)
     assert 50 < single.report.planar_steps < 230
-    assert share > 0.8
+    assert share > (0.8 if count == 1 else 0.5)  # calls in which the level changes are not
     assert bool(single.last.left) == (single.last.level == 'spatial')
 
 
@@ -85,14 +87,16 @@ def test_a_robot_that_lifts_itself_goes_on_in_place(method):
     assert share > 0.9
 
 
+@pytest.mark.parametrize('count', [1, 8])
 @pytest.mark.parametrize('method', ['newton', 'bdf2'])
-def test_a_roll_that_leaves_the_plane_is_the_same(method):
+def test_a_roll_that_leaves_the_plane_is_the_same(method, count):
     # The gait turns so fast that the contacts slip by rolling, and the robot goes to space.
     wild = {'gait.yaw.amplitude': 0.9, 'gait.yaw.angular_frequency': 12.0, 'gait.soft_start': 0.1}
     scene = with_settings(CASE_A, {'method': method, 'dt': 1e-3, **wild})
-    single, whole, _ = both(scene, *references(scene, 400))
+    single, whole, share = both(scene, *references(scene, 400), count)
     are_same(single, whole)
     assert 0 < single.report.planar_steps < 400
+    assert share > 0.8  # also in the pause at the spatial level
 
 
 @pytest.mark.parametrize('level', ['spatial', 'auto'])
@@ -115,10 +119,10 @@ def test_who_looks_changes_nothing_and_who_writes_is_heard(level):
     angle, rate = references(scene, 30)
     watched, alone = Simulation(scene), Simulation(scene)
     for k in range(30):
-        one_by_one(watched, angle[k : k + 1], rate[k : k + 1])
+        some_by_some(watched, angle[k : k + 1], rate[k : k + 1])
         assert watched.state is watched.state
         assert watched.history is watched.history
-    one_by_one(alone, angle, rate)
+    some_by_some(alone, angle, rate)
     are_same(watched, alone)
     # Velocities that are written into the arrays of the state are those of the next step.
     for k in (0, 1):
@@ -132,7 +136,7 @@ def test_who_looks_changes_nothing_and_who_writes_is_heard(level):
         simulation.advance(angle[:1], rate[:1])
     are_same(watched, alone)
     untouched = Simulation(scene)
-    one_by_one(untouched, np.concatenate([angle, angle[:1]]), np.concatenate([rate, rate[:1]]))
+    some_by_some(untouched, np.concatenate([angle, angle[:1]]), np.concatenate([rate, rate[:1]]))
     assert (watched.state.u != untouched.state.u).any()
 
 
@@ -146,7 +150,7 @@ def test_single_steps_come_between_others():
     are_same(mixed, whole)
     mixed.reset()
     whole.reset()
-    one_by_one(mixed, angle, rate)
+    some_by_some(mixed, angle, rate)
     whole.advance(angle, rate)
     assert (mixed.state.q == whole.state.q).all()
 
@@ -163,7 +167,7 @@ def test_single_steps_come_between_others():
 def test_references_of_another_form_are_refused(change, message):
     simulation = Simulation(CASE_A)
     angle, rate = references(CASE_A, 5)
-    one_by_one(simulation, angle, rate)
+    some_by_some(simulation, angle, rate)
     with pytest.raises(ParameterError, match=message):
         simulation.advance(change(angle[:1]), rate[:1])
     simulation.advance(angle[:1], rate[:1])
@@ -173,20 +177,20 @@ def test_references_of_another_form_are_refused(change, message):
 def test_a_push_and_another_scene_end_what_went_on():
     angle, rate = references(CASE_A, 5)
     simulation = Simulation(CASE_A)
-    one_by_one(simulation, angle, rate)
+    some_by_some(simulation, angle, rate)
     simulation.push(3, (0.0, 0.0, 0.1))
     simulation.advance(angle[:1], rate[:1])
     assert simulation.last.level == 'spatial'
     icy = with_settings(CASE_A, {'friction.transversal': 0.05})
     simulation.change(icy)
     assert simulation.scene is icy
-    one_by_one(simulation, angle, rate)
+    some_by_some(simulation, angle, rate)
     assert not simulation.report.failure
 
 
 def test_steppers_of_a_caller_need_no_single_steps():
     simulation = Simulation(CASE_A, make_stepper(CASE_A))
-    assert one_by_one(simulation, *references(CASE_A, 5)) == 0
+    assert some_by_some(simulation, *references(CASE_A, 5)) == 0
 
 
 @pytest.mark.parametrize('scene', [CASE_A, CASE_C], ids=['A', 'C'])
@@ -216,11 +220,11 @@ def test_the_gait_is_that_of_the_scene_after_a_change():
 def test_single_steps_can_be_compiled_before(level):
     scene = with_settings(CASE_A, {'level': level, 'dt': 1e-3})
     prepared, other = Simulation(scene), Simulation(scene)
-    prepared.compile(single=True)
+    prepared.compile()
     angle, rate = references(scene, 20)
     compiled = []
     with watched(compiled.append):
-        one_by_one(prepared, angle, rate)
+        some_by_some(prepared, angle, rate)
     assert compiled == []
     other.advance(angle, rate)
     are_same(prepared, other)

@@ -1,0 +1,81 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a controller is: from what a robot measures, the joint reference of the next period.
+
+The same object runs in `stepping.controlled`, which reads a simulation, and in a node, which reads
+messages. It never sees the truth: angles, rates and torques are those of the joints, and
+poses are there for controllers that ask for motion capture.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from snake_sim_ros.scene.parameters import Array, Scene
+
+# Angles and rates (m, n-1, 2) at m times, as of `gaits.blending.Blend.reference`.
+Reference = Callable[[Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """
+    What a robot of n links measures.
+
+    Attributes
+    ----------
+    joint_angle, joint_velocity, joint_torque : ndarray, shape (axes,)
+        In the order of `Robot.axis_names` [rad], [rad/s], [N m].
+    position, orientation : ndarray, shape (n, 3) and (n, 4), or None
+        Centers of the links [m, frame I] and Euler parameters of their frames B, scalar first, as
+        motion capture sees them; None unless the controller asks for them.
+
+    """
+
+    joint_angle: Array
+    joint_velocity: Array
+    joint_torque: Array
+    position: Array | None = None
+    orientation: Array | None = None
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """
+    A controller, with a state of its own.
+
+    Attributes
+    ----------
+    period : float
+        Time from one call to the next [s].
+    sees_poses : bool
+        Whether it needs motion capture.
+
+    """
+
+    period: float
+    sees_poses: bool
+
+    def start(self, scene: Scene) -> None:
+        """Begin anew at time 0 with the robot and the gait of a scene."""
+        ...
+
+    def control(self, measured: Measured, time: float) -> Reference:
+        """
+        Return the joint reference from now on.
+
+        Parameters
+        ----------
+        measured : Measured
+        time : float
+            Since the start [s].
+
+        Returns
+        -------
+        callable
+            ``reference(times)`` returns angles and rates of shape (m, n-1, 2), (yaw, pitch) of
+            every joint [rad], [rad/s], at times of shape (m,) within the period that begins now.
+
+        """
+        ...

@@ -1,0 +1,145 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Path following: line-of-sight guidance, a heading controller, and a gait that is steered.
+
+Guidance aims at a point that is the lookahead distance Delta ahead on the path, e the cross-track
+error to the left: ``chi = direction - arctan((e + sigma s)/Delta)``. The integral s removes what
+slopes, drifts or a gait that turns by itself leave of e (integral line of sight):
+``s' = Delta e/((e + sigma s)^2 + Delta^2)``.
+
+The heading controller turns the robot into that course: ``turning = v (curvature - k error)``. Its
+error decays over the distance 1/k, whatever the speed is. The curvature is that of the path, or,
+with a reference filter, the rate of a critically damped filter that the course goes through, as in
+a cascade of guidance and heading control.
+
+Sources: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2011, section 10.3;
+Borhaug, Pavlov, Pettersen, CDC 2008 (integral); Kelasidi, Liljeback, Pettersen, Gravdahl,
+Integral line-of-sight guidance for path following control of underwater snake robots, T-RO 2017
+(cascade). Theirs are models of snakes without sideways slip; what follows from it for a robot with
+Coulomb friction is measured, see docs/controllers.md.
+"""
+
+from dataclasses import dataclass
+import math
+
+from snake_sim_ros.controllers.controller import Measured, Reference
+from snake_sim_ros.controllers.paths import Path, Place
+from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
+from snake_sim_ros.gaits.steering import Steering, Stride
+from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.parameters import Array, Scene
+
+SHORTEST_BLEND = 0.5  # of one steered gait into the next, if the joints are fast enough [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Following(CheckedRecord):
+    """How a path is followed; the defaults are for robots of 1 to 3 m."""
+
+    speed: float = quantity(
+        0.0, 'm/s', 'speed along the path; 0 = that of the gait as it is', minimum=0
+    )
+    lookahead: float = quantity(0.5, 'm', 'lookahead distance Delta', above=0)
+    integral_gain: float = quantity(0.0, '1', 'gain sigma of the integral (0 = none)', minimum=0)
+    heading_gain: float = quantity(
+        2.0, '1/m', 'gain k: an error of the heading decays over the distance 1/k', above=0
+    )
+    heading_filter: float = quantity(
+        0.0, 'rad/s', 'natural frequency of the reference filter (0 = none)', minimum=0
+    )
+    period: float = quantity(0.1, 's', 'time from one correction to the next', above=0, maximum=10)
+
+
+class CourseFilter:
+    """A critically damped reference filter of second order, exact for a course that is held."""
+
+    def __init__(self, frequency: float, course: float) -> None:
+        self.frequency, self.course, self.rate = frequency, course, 0.0
+
+    def follow(self, course: float, period: float) -> None:
+        """Advance by a period [s] toward a course [rad]."""
+        w, off = self.frequency, -math.remainder(course - self.course, math.tau)
+        slope, decay = self.rate + w * off, math.exp(-w * period)
+        left = (off + slope * period) * decay
+        self.course += left - off
+        self.rate = slope * decay - w * left
+
+
+class PathFollower:
+    """
+    Follows a path with the gait of a scene: lateral undulation, or sidewinding by its bearing.
+
+    Parameters
+    ----------
+    path : Path
+    following : Following, optional
+    stride : Stride, optional
+        How the gait moves. Default: that of the gait, lateral undulation or sidewinding, as
+        measured for Aiko.
+
+    Attributes
+    ----------
+    place : Place
+        On the path, at the last call.
+    steering : Steering
+        What the gait was asked for last.
+
+    """
+
+    sees_poses = True
+
+    def __init__(
+        self, path: Path, following: Following | None = None, stride: Stride | None = None
+    ) -> None:
+        self.path, self.following = path, following or Following()
+        self.period, self._given = self.following.period, stride
+
+    def start(self, scene: Scene) -> None:
+        """Begin anew; the robot must be able to follow the gait, and the gait to turn."""
+        gait, robot = scene.gait, scene.robot
+        if gait.table:
+            raise ParameterError('a path cannot be followed with a gait from a table')
+        check_limits(gait, robot)
+        self.robot, self.gait = robot, gait
+        self.stride = self._given or Stride.of(gait)
+        self.speed = self.following.speed or self.stride.speed(gait)
+        if not self.speed > 0.0:
+            raise ParameterError('a path needs a gait that moves: its angular frequency is 0')
+        self.blend = Blend.of(
+            gait, robot.link_count - 1, max(SHORTEST_BLEND, shortest_blend(robot))
+        )
+        self.place: Place | None = None
+        self.steering = Steering(self.speed, 0.0)
+        self._integral = 0.0
+        self._filter: CourseFilter | None = None
+
+    def control(self, measured: Measured, time: float) -> Reference:
+        """Return the reference of the gait that is steered toward the path."""
+        if measured.position is None:
+            raise ParameterError('a path follower needs the positions of the links')
+        self.steering = self.steer(measured.position)
+        steered, _ = self.steering.gait(self.gait, self.robot, self.stride)
+        if steered != self.blend.gait:
+            self.blend = self.blend.changed(time, steered)
+        return self.blend.reference
+
+    def steer(self, position: Array) -> Steering:
+        """Return speed and turning rate for link centers (n, 3) [m, frame I]."""
+        given, center = self.following, position[:, :2].mean(axis=0)
+        arc = self.place.arc if self.place else None
+        self.place = place = self.path.nearest(center, arc)
+        ahead = position[0, :2] - position[-1, :2]
+        travel = math.atan2(ahead[1], ahead[0]) + self.stride.bearing
+
+        reach, error = given.lookahead, place.cross_track
+        off = error + given.integral_gain * self._integral
+        self._integral += self.period * reach * error / (off * off + reach * reach)
+        course, turning = place.direction - math.atan(off / reach), self.speed * place.curvature
+        if given.heading_filter:
+            if not self._filter:
+                self._filter = CourseFilter(given.heading_filter, travel)
+            self._filter.follow(course, self.period)
+            course, turning = self._filter.course, self._filter.rate
+        turning -= self.speed * given.heading_gain * math.remainder(travel - course, math.tau)
+        return Steering(self.speed, turning)

@@ -1,0 +1,182 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Paths on the floor, by arc length: lines, circles, splines, and points from anywhere.
+
+A path is kept as short straight pieces, with the direction interpolated between their ends. Pieces
+of a curve with radius r are at most ``sqrt(8 r SAG)`` long, so that it is met within SAG.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
+
+SAG = 1e-5  # how far pieces may be off the curve [m]
+PIECES = 4000  # of a spline; a path of 40 m has pieces of 1 cm
+SEARCH = 0.5  # how far along the path from the last place the next one is looked for [m]
+
+
+class Place(NamedTuple):
+    """A place on a path, and how far a point is off it."""
+
+    arc: float  # arc length from the begin of the path; below 0 or beyond its length outside [m]
+    cross_track: float  # cross-track error, positive if the point is to the left [m]
+    direction: float  # of the path, counterclockwise from the x axis [rad]
+    curvature: float  # positive to the left [1/m]
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    A path on the floor; an open one goes on straight beyond its ends.
+
+    Attributes
+    ----------
+    points : ndarray, shape (k, 2)
+        [m, frame I]
+    direction : ndarray, shape (k,)
+        Of the path at the points, without jumps of 2 pi [rad].
+    closed : bool
+        Whether the last point is the first one again.
+
+    """
+
+    points: Array
+    direction: Array
+    closed: bool = False
+
+    @cached_property
+    def arc(self) -> Array:
+        """Arc lengths of the points, (k,) [m]."""
+        steps = np.hypot(*np.diff(self.points, axis=0).T)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @classmethod
+    def line(cls, begin: ArrayLike, end: ArrayLike) -> 'Path':
+        """Return the straight line from one point to another [m]."""
+        points = _points('line', [begin, end])
+        x, y = points[1] - points[0]
+        return cls(points, np.full(2, math.atan2(y, x)))
+
+    @classmethod
+    def circle(
+        cls, center: ArrayLike, radius: float, begin: float = 0.0, turn: float = 2 * math.pi
+    ) -> 'Path':
+        """
+        Return an arc about a center [m].
+
+        Parameters
+        ----------
+        center : array_like, shape (2,)
+            [m]
+        radius : float
+            [m]
+        begin : float
+            Direction from the center to the first point [rad].
+        turn : float
+            Angle of the arc, positive counterclockwise [rad]; with 2 pi or more it is a circle
+            that is followed forever.
+
+        """
+        if not 0.0 < radius < math.inf:
+            raise ParameterError(f'radius of a circle must be above 0 m and finite, got {radius}')
+        if not 0.0 < abs(turn) < math.inf:
+            raise ParameterError(f'turn of a circle must be finite and not 0, got {turn}')
+        closed = abs(turn) >= 2 * math.pi
+        turn = math.copysign(2 * math.pi, turn) if closed else turn
+        count = 1 + math.ceil(abs(turn) * math.sqrt(radius / (8 * SAG)))
+        angle = begin + np.linspace(0.0, turn, count)
+        around = np.column_stack([np.cos(angle), np.sin(angle)])
+        middle = _points('circle', [center])[0]
+        quarter = math.copysign(math.pi / 2, turn)
+        return cls(middle + radius * around, angle + quarter, closed)
+
+    @classmethod
+    def spline(cls, points: ArrayLike, *, closed: bool = False) -> 'Path':
+        """
+        Return the cubic spline through some points, by the length of the chords between them.
+
+        Parameters
+        ----------
+        points : array_like, shape (k, 2)
+            In order, each apart from the one before [m].
+        closed : bool, optional
+            Whether the path goes on from the last point to the first one.
+
+        """
+        from scipy.interpolate import CubicSpline
+
+        given = _points('spline', points)
+        if len(given) == 2:
+            return cls.line(*given)
+        if closed and np.hypot(*(given[-1] - given[0])) > 0.0:
+            given = np.vstack([given, given[:1]])
+        chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
+        curve = CubicSpline(chord, given, bc_type='periodic' if closed else 'natural')
+        places = np.linspace(0.0, chord[-1], PIECES)
+        tangent = curve(places, 1)
+        direction = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+        return cls(curve(places), direction, closed)
+
+    @property
+    def length(self) -> float:
+        """Arc length from the first point to the last one [m]."""
+        return float(self.arc[-1])
+
+    def nearest(self, point: ArrayLike, arc: float | None = None) -> Place:
+        """
+        Return the place that is nearest to a point.
+
+        Parameters
+        ----------
+        point : array_like, shape (2,)
+            [m, frame I]
+        arc : float, optional
+            Arc length of a place before; then the next one is looked for within SEARCH of it, so
+            that a path may cross itself. By default, it is looked for everywhere.
+
+        """
+        point, arcs, last = np.asarray(point, dtype=float), self.arc, len(self.points) - 2
+        begin, way, length = self.points[:-1], np.diff(self.points, axis=0), np.diff(arcs)
+        share = ((point - begin) * way).sum(axis=1) / length**2
+        held = np.clip(share, 0.0, 1.0)
+        off = np.hypot(*(point - begin - held[:, None] * way).T)
+        if arc is not None:
+            away = arcs[:-1] + held * length - arc
+            if self.closed:
+                away -= self.length * np.round(away / self.length)
+            else:
+                away -= min(max(arc, 0.0), self.length) - arc
+            off[np.abs(away) > SEARCH + length] = math.inf
+        k = int(off.argmin())
+        s, bend = float(held[k]), float(self.direction[k + 1] - self.direction[k])
+        direction, curvature = float(self.direction[k]) + s * bend, bend / float(length[k])
+        side = way[k, 0] * (point - begin[k])[1] - way[k, 1] * (point - begin[k])[0]
+        cross = math.copysign(float(off[k]), float(side))
+        is_beyond = (k == 0 and share[k] < 0.0) or (k == last and share[k] > 1.0)
+        if is_beyond and not self.closed:
+            # On the straight continuation beyond an end.
+            s, curvature, cross = float(share[k]), 0.0, float(side / length[k])
+        return Place(float(arcs[k] + s * length[k]), cross, direction, curvature)
+
+
+def _points(what: str, points: Any) -> Array:
+    """Return points of a user as an array (k, 2); each must be apart from the one before."""
+    try:
+        found = np.asarray(points, dtype=float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.ndim != 2 or found.shape[1] != 2:
+        raise ParameterError(f'points of a {what} must have the shape (k, 2), got {found.shape}')
+    if not np.isfinite(found).all():
+        raise ParameterError(f'points of a {what} must be finite, got {found.tolist()}')
+    if len(found) > 1 and (np.hypot(*np.diff(found, axis=0).T) == 0.0).any():
+        raise ParameterError(f'points of a {what} must be apart from each other')
+    return found

@@ -11,23 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Controller, Reference
+from snake_sim_ros.controllers.controller import Controller, going_on, Reference
 from snake_sim_ros.gaits.blending import check_reach
 from snake_sim_ros.recording.recorded_runs import read_run as read_trajectory, write_csv, write_npz
 from snake_sim_ros.scene import parameters
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
-from snake_sim_ros.scene.parameters import (
-    Array,
-    by_dotted_names,
-    Robot,
-    samples_of,
-    Scene,
-    steps_in,
-)
-from snake_sim_ros.stepping.controlled import controlled, going_on, of_simulation
+from snake_sim_ros.scene.parameters import Array, by_dotted_names, Robot, samples_of, Scene
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.sampling import Keep
+from snake_sim_ros.stepping.sampling import Command, command_of, Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import metrics
@@ -301,18 +293,12 @@ def run(
     simulation = Simulation(loaded)
     compile_with_bar(simulation)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
-    if controller:
-        name, period = list(periods.items())[-1]
-        if isinstance(controller, Controller):
-            control = of_simulation(controller, loaded)
-        else:
-            control = _checked(controller, loaded.robot)
-        every = steps_in(period, loaded.dt, name)
-        trajectory = controlled(
-            simulation, steps, samples, control, every, keep=KEPT, progress=progress
-        )
-    else:
-        trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress)
+    command = None
+    if isinstance(controller, Controller):
+        command = command_of(controller, loaded)
+    elif controller:
+        command = Command(_checked(controller, loaded.robot), steps)
+    trajectory = sample(simulation, steps, samples, keep=KEPT, progress=progress, command=command)
     compiled = simulation.compile_seconds - compiled
     trajectory = replace(trajectory, seconds=time.perf_counter() - begin - compiled)
     return _run_of(trajectory)

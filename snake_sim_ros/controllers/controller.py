@@ -3,7 +3,7 @@
 """
 What a controller is: from what a robot measures, the joint reference of the next period.
 
-The same object runs in `stepping.controlled`, which reads a simulation, and in a node, which reads
+The same object runs in `stepping.sampling`, which reads a simulation, and in a node, which reads
 messages. It never sees the truth: angles, rates and torques are those of the joints, and
 poses are there for controllers that ask for motion capture.
 """
@@ -11,6 +11,8 @@ poses are there for controllers that ask for motion capture.
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
+
+import numpy as np
 
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -79,3 +81,13 @@ class Controller(Protocol):
 
         """
         ...
+
+
+def going_on(begin: float, angle: Array, rate: Array) -> Reference:
+    """Return the reference that goes on from angles (n-1, 2) at a time with their rates."""
+
+    def reference(times: Array) -> tuple[Array, Array]:
+        age = (times - begin)[:, None, None]
+        return angle + age * rate, np.broadcast_to(rate, (len(times), *rate.shape)).copy()
+
+    return reference

@@ -20,35 +20,17 @@ Integral line-of-sight guidance for path following control of underwater snake r
 Coulomb friction is measured, see docs/controllers.md.
 """
 
-from dataclasses import dataclass
 import math
 
 from snake_sim_ros.controllers.controller import Measured, Reference
 from snake_sim_ros.controllers.paths import Path, Place
 from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
-from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.parameters import Array, Scene
 
 SHORTEST_BLEND = 0.5  # of one steered gait into the next, if the joints are fast enough [s]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Following(CheckedRecord):
-    """How a path is followed; the defaults are for robots of 1 to 3 m."""
-
-    speed: float = quantity(
-        0.0, 'm/s', 'speed along the path; 0 = that of the gait as it is', minimum=0
-    )
-    lookahead: float = quantity(0.5, 'm', 'lookahead distance Delta', above=0)
-    integral_gain: float = quantity(0.0, '1', 'gain sigma of the integral (0 = none)', minimum=0)
-    heading_gain: float = quantity(
-        2.0, '1/m', 'gain k: an error of the heading decays over the distance 1/k', above=0
-    )
-    heading_filter: float = quantity(
-        0.0, 'rad/s', 'natural frequency of the reference filter (0 = none)', minimum=0
-    )
-    period: float = quantity(0.1, 's', 'time from one correction to the next', above=0, maximum=10)
 
 
 class CourseFilter:
@@ -72,8 +54,9 @@ class PathFollower:
 
     Parameters
     ----------
-    path : Path
-    following : Following, optional
+    following : Following
+        Its gains, and its path unless another one is given.
+    path : Path, optional
     stride : Stride, optional
         How the gait moves. Default: that of the gait, lateral undulation or sidewinding, as
         measured for Aiko.
@@ -90,10 +73,10 @@ class PathFollower:
     sees_poses = True
 
     def __init__(
-        self, path: Path, following: Following | None = None, stride: Stride | None = None
+        self, following: Following, path: Path | None = None, stride: Stride | None = None
     ) -> None:
-        self.path, self.following = path, following or Following()
-        self.period, self._given = self.following.period, stride
+        self.following, self.path = following, path or Path.of(following)
+        self.period, self._given = following.period, stride
 
     def start(self, scene: Scene) -> None:
         """Begin anew; the robot must be able to follow the gait, and the gait to turn."""

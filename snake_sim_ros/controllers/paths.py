@@ -10,12 +10,13 @@ of a curve with radius r are at most ``sqrt(8 r SAG)`` long, so that it is met w
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.following import Following, points_of
 from snake_sim_ros.scene.parameters import Array
 
 SAG = 1e-5  # how far pieces may be off the curve [m]
@@ -59,9 +60,17 @@ class Path:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @classmethod
+    def of(cls, following: Following) -> 'Path':
+        """Return the path of a scene."""
+        if not following.center:
+            return cls.spline(following.points, closed=following.closed)
+        turn = math.copysign(2 * math.pi, following.radius)
+        return cls.circle(following.center, abs(following.radius), turn=turn)
+
+    @classmethod
     def line(cls, begin: ArrayLike, end: ArrayLike) -> 'Path':
         """Return the straight line from one point to another [m]."""
-        points = _points('line', [begin, end])
+        points = points_of('ends', [begin, end])
         x, y = points[1] - points[0]
         return cls(points, np.full(2, math.atan2(y, x)))
 
@@ -94,9 +103,8 @@ class Path:
         count = 1 + math.ceil(abs(turn) * math.sqrt(radius / (8 * SAG)))
         angle = begin + np.linspace(0.0, turn, count)
         around = np.column_stack([np.cos(angle), np.sin(angle)])
-        middle = _points('circle', [center])[0]
         quarter = math.copysign(math.pi / 2, turn)
-        return cls(middle + radius * around, angle + quarter, closed)
+        return cls(np.asarray(center, dtype=float) + radius * around, angle + quarter, closed)
 
     @classmethod
     def spline(cls, points: ArrayLike, *, closed: bool = False) -> 'Path':
@@ -113,7 +121,7 @@ class Path:
         """
         from scipy.interpolate import CubicSpline
 
-        given = _points('spline', points)
+        given = points_of('points', points)
         if len(given) == 2:
             return cls.line(*given)
         if closed and np.hypot(*(given[-1] - given[0])) > 0.0:
@@ -165,18 +173,3 @@ class Path:
             # On the straight continuation beyond an end.
             s, curvature, cross = float(share[k]), 0.0, float(side / length[k])
         return Place(float(arcs[k] + s * length[k]), cross, direction, curvature)
-
-
-def _points(what: str, points: Any) -> Array:
-    """Return points of a user as an array (k, 2); each must be apart from the one before."""
-    try:
-        found = np.asarray(points, dtype=float)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.ndim != 2 or found.shape[1] != 2:
-        raise ParameterError(f'points of a {what} must have the shape (k, 2), got {found.shape}')
-    if not np.isfinite(found).all():
-        raise ParameterError(f'points of a {what} must be finite, got {found.tolist()}')
-    if len(found) > 1 and (np.hypot(*np.diff(found, axis=0).T) == 0.0).any():
-        raise ParameterError(f'points of a {what} must be apart from each other')
-    return found

@@ -48,6 +48,7 @@ from snake_sim_ros.scene.checked_records import (
     with_values,
 )
 from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping, read_text
+from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
 
 Array = NDArray[Any]
@@ -753,6 +754,7 @@ class Scene(CheckedRecord):
         0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
     )
     gait: Gait = Gait()
+    follow: Following = Following()
     start: Start = Start()
     pushes: tuple[Push, ...] = quantity((), '', 'forces and torques that act for some time')
     solver: Solver = Solver()

@@ -67,6 +67,8 @@ def common_divisor(scene: Scene, periods: Mapping[str, float]) -> float:
 
     """
     named: dict[str, float] = {**periods, **control_periods(scene.robot)}
+    if scene.follow:
+        named['follow.period'] = scene.follow.period
     if len(named) == 1:
         return next(iter(periods.values()))
     parts = [Fraction(time).limit_denominator(FINEST) for time in named.values()]

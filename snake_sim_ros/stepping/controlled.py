@@ -1,114 +1,24 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-A simulation under the control of Python: runs with a controller, torques, and another place.
+A simulation under the control of Python: torques, and another place.
 
-`controlled` runs a scene whose joints are commanded by a function, called in equal periods;
-`of_simulation` makes such a function of a controller.
 `command_effort` commands torques, for robots with effort_commands. `place` puts a robot somewhere
 else as it is: same joint angles, at rest.
 """
 
-from collections.abc import Callable
-import time
-
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Controller, Measured, Reference
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_links, first_peg
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import CONJUGATE, product, rotation_matrices
-from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.levels import what_does_not_lie
-from snake_sim_ros.stepping.sampling import begun_samples, Keep, trajectory_of
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import copied, State
-from snake_sim_ros.stepping.trajectory import Trajectory
 
 INSIDE = 1e-6  # how far a link may be inside something, as where it lies [m]
-
-
-def measured(simulation: Simulation, *, sees_poses: bool) -> Measured:
-    """Return what the robot of a simulation measures now."""
-    state = simulation.state if sees_poses else None
-    return Measured(
-        simulation.joint_angle,
-        simulation.joint_velocity,
-        simulation.joint_torque,
-        *((state.position, state.q[:, 3:]) if state else ()),
-    )
-
-
-def of_simulation(controller: Controller, scene: Scene) -> Callable[[Simulation], Reference]:
-    """Return a started controller as a function of a simulation, which is called in its period."""
-    controller.start(scene)
-
-    def control(simulation: Simulation) -> Reference:
-        now = simulation.time
-        return controller.control(measured(simulation, sees_poses=controller.sees_poses), now)
-
-    return control
-
-
-def going_on(begin: float, angle: Array, rate: Array) -> Reference:
-    """Return the reference that goes on from angles (n-1, 2) at a time with their rates."""
-
-    def reference(times: Array) -> tuple[Array, Array]:
-        age = (times - begin)[:, None, None]
-        return angle + age * rate, np.broadcast_to(rate, (len(times), *rate.shape)).copy()
-
-    return reference
-
-
-def controlled(
-    simulation: Simulation, steps: int, samples: int,
-    controller: Callable[[Simulation], Reference], period: int, *, keep: Keep,
-    progress: Callable[[float], object] | None = None,
-) -> Trajectory:  # fmt: skip
-    """
-    Advance a simulation with a controller, and return samples of its motion.
-
-    Parameters
-    ----------
-    simulation : Simulation
-        Its present state is the first sample.
-    steps : int
-        Number of steps between two samples.
-    samples : int
-        Number of samples after the first one; fewer if a step diverges.
-    controller : callable
-        ``controller(simulation)`` is called at the begin of every period, and returns what gives
-        the joint reference at times within the period.
-    period : int
-        Steps from one call of the controller to the next.
-    keep : Keep
-    progress : callable, optional
-        Called with the simulated time that has passed [s] at every sample.
-
-    """
-    scene, begin = simulation.scene, time.perf_counter()
-    last = simulation.state, simulation.history, simulation.last
-    found, start = begun_samples(scene, *last, steps, samples), simulation.step_count
-    taken, end = 0, steps * samples
-    while taken < end and not simulation.report.failure:
-        if taken % period == 0:
-            reference = controller(simulation)
-        count = min(steps - taken % steps, period - taken % period)
-        simulation.advance(*reference(simulation.midpoints(count)))
-        taken = simulation.step_count - start
-        if taken % steps == 0 and not simulation.report.failure:
-            history, torque = simulation.present_history, simulation.last.joint_torque
-            span = last_span(scene, history)
-            found.add(taken - 1, simulation.state, history, torque, span)
-            found.is_planar[taken // steps] = simulation.last.level == 'planar'
-            if progress:
-                progress(taken * scene.dt)
-    return trajectory_of(
-        scene, found.until(simulation.step_count - start), keep, simulation.report,
-        time.perf_counter() - begin, interrupted=False,
-    )  # fmt: skip
 
 
 def command_effort(simulation: Simulation, effort: Array) -> None:

@@ -7,14 +7,17 @@ The record of a run from its samples: joints, contact forces and levels.
 second, so that a program can show its progress.
 """
 
+from collections.abc import Callable
 import math
 import time
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from snake_sim_ros.controllers.controller import Controller, Measured, Reference
+from snake_sim_ros.controllers.following import PathFollower
 from snake_sim_ros.dynamics import kinematics
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.scene.parameters import Array, Robot, Scene, steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.samples import make_samples, Samples
@@ -174,7 +177,30 @@ class Advances(Protocol):
     report: Report
 
     @property
+    def state(self) -> State: ...  # noqa: D102
+
+    @property
+    def present_history(self) -> History: ...  # noqa: D102
+
+    @property
+    def last(self) -> Report: ...  # noqa: D102
+
+    @property
+    def time(self) -> float: ...  # noqa: D102
+
+    @property
+    def joint_angle(self) -> Array: ...  # noqa: D102
+
+    @property
+    def joint_velocity(self) -> Array: ...  # noqa: D102
+
+    @property
+    def joint_torque(self) -> Array: ...  # noqa: D102
+
+    @property
     def compile_seconds(self) -> float: ...  # noqa: D102
+
+    def midpoints(self, steps: int) -> Array: ...  # noqa: D102
 
     def gait_reference(self, steps: int) -> tuple[Array, Array]: ...  # noqa: D102
 
@@ -183,18 +209,55 @@ class Advances(Protocol):
     ) -> Report: ...
 
 
+class Command(NamedTuple):
+    """What commands the joints in place of the gait."""
+
+    control: Callable[[Any], Reference]  # takes a `Simulation` at the begin of every period
+    period: int  # steps
+
+
+def command_of(controller: Controller, scene: Scene) -> Command:
+    """
+    Return the command of a controller, started anew.
+
+    Raises
+    ------
+    ParameterError
+        If the controller cannot do its work in the scene, or dt does not divide its period.
+
+    """
+    controller.start(scene)
+
+    def control(simulation: Advances) -> Reference:
+        state = simulation.state if controller.sees_poses else None
+        measured = Measured(
+            simulation.joint_angle,
+            simulation.joint_velocity,
+            simulation.joint_torque,
+            *((state.q[:, :3], state.q[:, 3:]) if state else ()),
+        )
+        return controller.control(measured, simulation.time)
+
+    return Command(control, steps_in(controller.period, scene.dt, 'period of the controller'))
+
+
+def command_of_scene(scene: Scene) -> Command | None:
+    """Return what commands the joints of a scene; None if that is its gait alone."""
+    return command_of(PathFollower(scene.follow), scene) if scene.follow else None
+
+
 class Portions:
     """
-    Calls of `Simulation.advance` with the gait of the scene, and their wall time.
+    Calls of `Simulation.advance` with the references of a command or a gait, and their wall time.
 
     `joints` is as in `Keep`; `joint_steps` are then those of every step, in portions.
     """
 
     def __init__(
         self, simulation: Advances, samples: Samples, limits: Limits, portion: int, timed: bool,
-        *, joints: bool = False,
+        *, joints: bool = False, command: Command | None = None,
     ) -> None:  # fmt: skip
-        self.joints, self.joint_steps = joints, list[Array]()
+        self.joints, self.joint_steps, self.command = joints, list[Array](), command
         self.simulation, self.samples, self.limits = simulation, samples, limits
         self.time_references, self.seconds = timed, 0.0
         self.is_cautious = not math.isinf(limits.unconverged)
@@ -214,15 +277,20 @@ class Portions:
         if self.joints:
             count = min(count, MOST_KEPT)
         begin = time.perf_counter() if self.time_references else math.nan
-        reference, compiled = simulation.gait_reference(count), simulation.compile_seconds
+        reference, compiled = self._reference(count), simulation.compile_seconds
         begin = begin if self.time_references else time.perf_counter()
-        samples, done = self.samples.after(self.done), self.done
-        every = make_samples(simulation.scene, 1, count) if self.joints else samples
-        simulation.advance(*reference, every)
+        samples, done, count = self.samples.after(self.done), self.done, len(reference[0])
         if self.joints:
+            every = make_samples(simulation.scene, 1, count)
+            simulation.advance(*reference, every)
             every = every.until(self.done - done)
             samples.take(every)
             self.joint_steps.append(joint_rows(simulation.scene.robot, every))
+        elif self.command:
+            simulation.advance(*reference)  # in place, up to the next sample at most
+            self._add_sample()
+        else:
+            simulation.advance(*reference, samples)
         compiled = simulation.compile_seconds - compiled
         seconds = time.perf_counter() - begin - compiled
         self.seconds += seconds
@@ -233,6 +301,29 @@ class Portions:
         elif seconds < PORTION_SECONDS:
             growth = 2 if self.is_cautious else PORTION_SECONDS / max(seconds, SHORTEST)
             self.portion = min(int(growth * self.portion), MOST_STEPS)
+
+    def _reference(self, most: int) -> tuple[Array, Array]:
+        """Return the references of the next steps, at most so many."""
+        simulation = self.simulation
+        if not self.command:
+            return simulation.gait_reference(most)
+        period, every, done = self.command.period, self.samples.every, self.done
+        age = done % period
+        if age == 0:
+            self._commanded = self.command.control(simulation)(simulation.midpoints(period))
+        last = age + min(most, period - age, every - done % every)
+        angle, rate = self._commanded
+        return angle[age:last], rate[age:last]
+
+    def _add_sample(self) -> None:
+        """Keep the present state if it is a sample."""
+        simulation, samples, done = self.simulation, self.samples, self.done
+        if simulation.report.failure or done % samples.every:
+            return
+        last, history = simulation.last, simulation.present_history
+        span = last_span(simulation.scene, history)
+        samples.add(done - 1, simulation.state, history, last.joint_torque, span)
+        samples.is_planar[done // samples.every - 1] = last.level == 'planar'
 
     def over(self) -> bool:
         """Return whether no further step is taken."""

@@ -27,6 +27,8 @@ from snake_sim_ros.stepping.pushes import NO_PUSHES, Pushes, PushTable
 from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.sampling import (
     begun_samples,
+    Command,
+    command_of_scene,
     joint_motion,
     joint_rows,
     Keep,
@@ -430,9 +432,10 @@ def sample(
     time_references: bool = False,
     interruptible: bool = False,
     portion: int = LEAST_STEPS,
+    command: Command | None = None,
 ) -> Trajectory:
     """
-    Advance a simulation with the gait of its scene, and return samples of its motion.
+    Advance a simulation as its scene says, or a command, and return samples of its motion.
 
     Parameters
     ----------
@@ -455,13 +458,17 @@ def sample(
         Whether Ctrl-C ends the run and returns the samples so far, or is raised.
     portion : int, optional
         Number of steps in the first call, between two calls of `progress`.
+    command : Command, optional
+        What commands the joints. Default: the path that the scene follows, or its gait.
 
     """
+    command = command or command_of_scene(simulation.scene)
     now = simulation.state, simulation.history, simulation.last
     found = begun_samples(simulation.scene, *now, steps, samples)
     advance = Portions(
-        simulation, found.after(0), limits, portion, time_references, joints=keep.joints
-    )
+        simulation, found.after(0), limits, portion, time_references, joints=keep.joints,
+        command=command,
+    )  # fmt: skip
     interrupted = False
     try:
         if observe:
@@ -489,7 +496,7 @@ def simulate(
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:  # fmt: skip
     """
-    Run a scene with its gait and return the record of its motion.
+    Run a scene with its gait, along its path if it has one, and return the record of its motion.
 
     Parameters
     ----------

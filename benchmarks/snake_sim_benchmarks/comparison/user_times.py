@@ -30,11 +30,10 @@ from snake_sim_benchmarks.comparison.bench_tables import (
     RUN,
 )
 from snake_sim_ros import Scene, Simulation
-from snake_sim_ros.controllers.controller import Reference
+from snake_sim_ros.controllers.controller import going_on, Reference
 from snake_sim_ros.scene.parameters import samples_of
-from snake_sim_ros.stepping.controlled import controlled, going_on
-from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import simulate
+from snake_sim_ros.stepping.sampling import Command, Keep
+from snake_sim_ros.stepping.simulation import sample, simulate
 
 USER_CASES = ('lateral_undulation', 'sidewinding')  # in the plane, and in space
 METHODS_OF_USERS = (('newton', 1 / 4000), ('bdf2', 1 / 200))
@@ -101,7 +100,7 @@ def _controlled(scene: Scene) -> float:
 
     steps, samples = samples_of(scene, RATE)
     keep = Keep(contacts=True)
-    return controlled(simulation, steps, samples, follow, steps, keep=keep).seconds
+    return sample(simulation, steps, samples, keep=keep, command=Command(follow, steps)).seconds
 
 
 def _small_calls(scene: Scene) -> dict[str, float]:

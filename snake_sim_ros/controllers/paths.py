@@ -124,8 +124,9 @@ class Path:
         given = points_of('points', points)
         if len(given) == 2:
             return cls.line(*given)
-        if closed and np.hypot(*(given[-1] - given[0])) > 0.0:
-            given = np.vstack([given, given[:1]])
+        if closed:
+            is_there = np.hypot(*(given[-1] - given[0])) < SAG
+            given = np.vstack([given[:-1] if is_there else given, given[:1]])
         chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
         curve = CubicSpline(chord, given, bc_type='periodic' if closed else 'natural')
         places = np.linspace(0.0, chord[-1], PIECES)

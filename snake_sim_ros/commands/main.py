@@ -20,6 +20,7 @@ COMMANDS = {
     'export': ('recordings', 'convert a recorded run to other formats'),
     'record': ('recordings', 'record all topics of a live robot as a bag'),
     'view': ('recordings', 'show a robot in the browser: live, in a scene, or recorded'),
+    'score': ('recordings', 'measure how well a robot followed a path, in a scene or recorded'),
     'plot': ('recordings', 'plot path, joint angles, torques and contact forces of a run'),
     'urdf': ('scenes', 'print the robot of a scene as a URDF'),
     'demo': ('scenes', 'run a scene live: the nodes sim and gait over ROS 2'),

@@ -1,8 +1,10 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands on a recorded run: `snake-sim record`, `export`, `plot` and `view`."""
+"""The commands on a recorded run: `snake-sim record`, `export`, `score`, `plot` and `view`."""
 
 import argparse
+from dataclasses import replace
+import json
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,59 @@ def _export(options: argparse.Namespace) -> int:
     write_outputs(trajectory, files, title_of(options.run), options.speed)
     print_outputs(trajectory, files)
     return 0
+
+
+# ---- score --------------------------------------------------------------------------------------
+
+
+def add_score(subparsers: Any) -> None:
+    """Add the command."""
+    from snake_sim_ros.commands.options import add_namespace, add_scene_options
+
+    command = subparsers.add_parser('score')
+    command.set_defaults(command=_score)
+    command.add_argument(
+        'source',
+        metavar='RECORDING|SCENE',
+        help='npz file, MCAP file, folder of a bag, or a scene',
+    )
+    command.add_argument(
+        '--begin', type=float, default=0.0, metavar='S', help='leave out what is before [s]'
+    )
+    command.add_argument('--plot', type=Path, metavar='FILE', help='a PNG, PDF or SVG file')
+    add_namespace(command)
+    add_scene_options(command)
+
+
+def _score(options: argparse.Namespace) -> int:
+    """Print the metrics of the path as JSON, and draw it."""
+    from snake_sim_ros.api.runs import read_run, run
+    from snake_sim_ros.commands.options import given_settings, scene_from, title_of
+    from snake_sim_ros.recording.recorded_runs import names_a_recorded_run
+    from snake_sim_ros.scene.parameters import with_settings
+    from snake_sim_ros.studies.metrics import metrics_of_run
+
+    if names_a_recorded_run(options.source):
+        found = read_run(options.source, options.namespace)
+        found = replace(found, scene=with_settings(found.scene, given_settings(options)))
+    else:
+        found = run(scene_from(options, options.source))
+    if not found.scene.follow:
+        raise ParameterError(
+            'there is no path to score: give one by --set follow.points=[[0,0],[2,0]], or by '
+            'follow.center and follow.radius'
+        )
+    if not 0.0 <= options.begin < found.time[-1]:
+        raise ParameterError(
+            f'--begin must be within the run of {found.time[-1]:g} s, got {options.begin:g}'
+        )
+    part = found.between(options.begin, float(found.time[-1]))
+    if options.plot:
+        from snake_sim_ros.view.chart import draw
+
+        draw(part, options.plot, title_of(options.source))
+    print(json.dumps(metrics_of_run(part)))
+    return 1 if found.report.failure else 0
 
 
 # ---- plot ---------------------------------------------------------------------------------------

@@ -139,6 +139,23 @@ class Path:
         """Arc length from the first point to the last one [m]."""
         return float(self.arc[-1])
 
+    def track(self, points: Array) -> tuple[Array, Array]:
+        """
+        Return arc lengths and cross-track errors of a motion, shape (m,) each [m].
+
+        Parameters
+        ----------
+        points : ndarray, shape (m, 2)
+            Places at times in order [m, frame I].
+
+        """
+        places, arc = [], None
+        for point in points:
+            places.append(self.nearest(point, arc))
+            arc = places[-1].arc
+        arcs, errors = np.array([(place.arc, place.cross_track) for place in places]).T
+        return np.unwrap(arcs, period=self.length) if self.closed else arcs, errors
+
     def nearest(self, point: ArrayLike, arc: float | None = None) -> Place:
         """
         Return the place that is nearest to a point.

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.controllers.paths import Path as FollowedPath
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import (
@@ -273,20 +274,44 @@ def angle_error(trajectory: Trajectory, quantile: float = 1.0) -> float:
     return _largest(joints.angle - robot.by_axis(wanted), quantile)
 
 
+def _track(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return arc lengths and cross-track errors of the center of the links, see `Path.track`."""
+    if not trajectory.scene.follow:
+        raise MetricError('there is no path: the scene has no follow.points and no follow.center')
+    centers = trajectory.position[:, :, :2].mean(axis=1)
+    return FollowedPath.of(trajectory.scene.follow).track(centers)
+
+
+def cross_track(trajectory: Trajectory) -> float:
+    """Return the root mean square of the cross-track error of the center of the links [m]."""
+    return math.sqrt(float((_track(trajectory)[1] ** 2).mean()))
+
+
+def cross_track_peak(trajectory: Trajectory, quantile: float = 1.0) -> float:
+    """Return the largest cross-track error [m]."""
+    return _largest(_track(trajectory)[1][:, None], quantile)
+
+
+def covered(trajectory: Trajectory) -> float:
+    """Return the arc length of the path that the robot has covered [m]."""
+    arcs, _ = _track(trajectory)
+    return float(arcs[-1] - arcs[0])
+
+
 def _largest(values: Array, quantile: float) -> float:
     """Return the value that the largest of a row does not exceed in a share of the rows."""
     largest = np.abs(values).max(axis=1, initial=0.0)
     return float(np.quantile(largest, quantile, method='inverted_cdf'))
 
 
-MAXIMA = (peak_torque, angle_error)  # which take a quantile
+MAXIMA = (peak_torque, angle_error, cross_track_peak)  # which take a quantile
 METRICS: dict[str, Metric] = {
     function.__name__: Metric(
         function.__name__,
         function,
         unit,
         contacts=function is slip,
-        joints=function in (energy, cost_of_transport, *MAXIMA),
+        joints=function in (energy, cost_of_transport, peak_torque, angle_error),
     )
     for function, unit in (
         (distance, 'm'),
@@ -299,6 +324,9 @@ METRICS: dict[str, Metric] = {
         (slip, 'm/s'),
         (peak_torque, 'N m'),
         (angle_error, 'rad'),
+        (cross_track, 'm'),
+        (cross_track_peak, 'm'),
+        (covered, 'm'),
     )
 }
 RUN_METRICS = (
@@ -310,6 +338,7 @@ RUN_METRICS = (
     'slip',
     'peak_torque',
 )
+PATH_METRICS = ('cross_track', 'cross_track_peak', 'covered')
 USUAL_METRICS: tuple[str, ...] = (
     *('distance', 'speed', 'direction', 'energy'),
     *('cost_of_transport', 'peak_torque'),
@@ -317,9 +346,13 @@ USUAL_METRICS: tuple[str, ...] = (
 
 
 def metrics_of_run(trajectory: Trajectory) -> dict[str, float | None]:
-    """Return the RUN_METRICS of a trajectory; None where it has no finite number."""
+    """
+    Return the RUN_METRICS of a trajectory; None where it has no finite number.
+
+    If its scene follows a path, the PATH_METRICS are there, too.
+    """
     found: dict[str, float | None] = {}
-    for name in RUN_METRICS:
+    for name in RUN_METRICS + PATH_METRICS if trajectory.scene.follow else RUN_METRICS:
         try:
             value = METRICS[name](trajectory)
             found[name] = value if math.isfinite(value) else None

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
+from snake_sim_ros.controllers.paths import Path as FollowedPath
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.scene.parameters import Array
@@ -65,7 +66,12 @@ def draw(trajectory: Trajectory, path: Path, title: str = '') -> None:
 
 def _path(axes: Axes, trajectory: Trajectory) -> None:
     """Draw the way of the middle link, and the robot at the start and at the end."""
-    axes.plot(*trajectory.path[:, :2].T, color='#0072b2', label='middle link')
+    if trajectory.scene.follow:
+        points = FollowedPath.of(trajectory.scene.follow).points
+        axes.plot(*points.T, color='#e69f00', ls='--', label='path')
+        axes.plot(*trajectory.position[:, :, :2].mean(axis=1).T, color='#009e73', label='center')
+    else:
+        axes.plot(*trajectory.path[:, :2].T, color='#0072b2', label='middle link')
     for k, color, name in ((0, '0.7', 'robot at the start'), (-1, '#d55e00', 'at the end')):
         axes.plot(*trajectory.position[k, :, :2].T, color=color, marker='.', label=name)
     axes.set(xlabel='x [m]', ylabel='y [m]')

@@ -28,6 +28,7 @@ from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.following import Following
+from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.parameters import Array, Scene
 
 SHORTEST_BLEND = 0.5  # of one steered gait into the next, if the joints are fast enough [s]
@@ -48,6 +49,54 @@ class CourseFilter:
         self.rate = slope * decay - w * left
 
 
+class LineOfSight:
+    """
+    Guidance and heading control: from the places of the links, the speed and turning that follow.
+
+    Parameters
+    ----------
+    following : Following
+        Its gains; its path is not used.
+    path : Path
+    stride : Stride
+        How the gait moves, for the bearing.
+    speed : float
+        Along the path [m/s].
+
+    Attributes
+    ----------
+    place : Place or None
+        On the path, at the last call.
+
+    """
+
+    def __init__(self, following: Following, path: Path, stride: Stride, speed: float) -> None:
+        self.following, self.path, self.stride, self.speed = following, path, stride, speed
+        self.place: Place | None = None
+        self._integral = 0.0
+        self._filter: CourseFilter | None = None
+
+    def steer(self, position: Array) -> Steering:
+        """Return speed and turning rate for link centers (n, 3) [m, frame I]."""
+        given, center = self.following, position[:, :2].mean(axis=0)
+        arc = self.place.arc if self.place else None
+        self.place = place = self.path.nearest(center, arc)
+        ahead = position[0, :2] - position[-1, :2]
+        travel = math.atan2(ahead[1], ahead[0]) + self.stride.bearing
+
+        reach, error = given.lookahead, place.cross_track
+        off = error + given.integral_gain * self._integral
+        self._integral += given.period * reach * error / (off * off + reach * reach)
+        course, turning = place.direction - math.atan(off / reach), self.speed * place.curvature
+        if given.heading_filter:
+            if not self._filter:
+                self._filter = CourseFilter(given.heading_filter, travel)
+            self._filter.follow(course, given.period)
+            course, turning = self._filter.course, self._filter.rate
+        turning -= self.speed * given.heading_gain * math.remainder(travel - course, math.tau)
+        return Steering(self.speed, turning)
+
+
 class PathFollower:
     """
     Follows a path with the gait of a scene: lateral undulation, or sidewinding by its bearing.
@@ -63,8 +112,7 @@ class PathFollower:
 
     Attributes
     ----------
-    place : Place
-        On the path, at the last call.
+    guidance : LineOfSight
     steering : Steering
         What the gait was asked for last.
 
@@ -81,48 +129,39 @@ class PathFollower:
     def start(self, scene: Scene) -> None:
         """Begin anew; the robot must be able to follow the gait, and the gait to turn."""
         gait, robot = scene.gait, scene.robot
-        if gait.table:
-            raise ParameterError('a path cannot be followed with a gait from a table')
+        stride = self._given or Stride.of(gait)
+        speed = speed_along(self.following, gait, stride)
         check_limits(gait, robot)
-        self.robot, self.gait = robot, gait
-        self.stride = self._given or Stride.of(gait)
-        self.speed = self.following.speed or self.stride.speed(gait)
-        if not self.speed > 0.0:
-            raise ParameterError('a path needs a gait that moves: its angular frequency is 0')
-        self.blend = Blend.of(
-            gait, robot.link_count - 1, max(SHORTEST_BLEND, shortest_blend(robot))
-        )
-        self.place: Place | None = None
-        self.steering = Steering(self.speed, 0.0)
-        self._integral = 0.0
-        self._filter: CourseFilter | None = None
+        self.robot, self.gait, self.stride = robot, gait, stride
+        self.guidance = LineOfSight(self.following, self.path, stride, speed)
+        self.steering = Steering(speed, 0.0)
+        duration = max(SHORTEST_BLEND, shortest_blend(robot))
+        self.blend = Blend.of(gait, robot.link_count - 1, duration)
 
     def control(self, measured: Measured, time: float) -> Reference:
         """Return the reference of the gait that is steered toward the path."""
         if measured.position is None:
             raise ParameterError('a path follower needs the positions of the links')
-        self.steering = self.steer(measured.position)
+        self.steering = self.guidance.steer(measured.position)
         steered, _ = self.steering.gait(self.gait, self.robot, self.stride)
         if steered != self.blend.gait:
             self.blend = self.blend.changed(time, steered)
         return self.blend.reference
 
-    def steer(self, position: Array) -> Steering:
-        """Return speed and turning rate for link centers (n, 3) [m, frame I]."""
-        given, center = self.following, position[:, :2].mean(axis=0)
-        arc = self.place.arc if self.place else None
-        self.place = place = self.path.nearest(center, arc)
-        ahead = position[0, :2] - position[-1, :2]
-        travel = math.atan2(ahead[1], ahead[0]) + self.stride.bearing
 
-        reach, error = given.lookahead, place.cross_track
-        off = error + given.integral_gain * self._integral
-        self._integral += self.period * reach * error / (off * off + reach * reach)
-        course, turning = place.direction - math.atan(off / reach), self.speed * place.curvature
-        if given.heading_filter:
-            if not self._filter:
-                self._filter = CourseFilter(given.heading_filter, travel)
-            self._filter.follow(course, self.period)
-            course, turning = self._filter.course, self._filter.rate
-        turning -= self.speed * given.heading_gain * math.remainder(travel - course, math.tau)
-        return Steering(self.speed, turning)
+def speed_along(following: Following, gait: Gait, stride: Stride) -> float:
+    """
+    Return the speed along a path [m/s].
+
+    Raises
+    ------
+    ParameterError
+        If the gait cannot be steered.
+
+    """
+    if gait.table:
+        raise ParameterError('a path cannot be followed with a gait from a table')
+    speed = following.speed or stride.speed(gait)
+    if not (speed > 0.0 and gait.yaw.angular_frequency):
+        raise ParameterError('a path needs a gait that moves: its angular frequency is 0')
+    return speed

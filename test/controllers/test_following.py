@@ -36,30 +36,34 @@ def straight(x, y, heading):
 @pytest.mark.parametrize('heading', [0.0, 0.4, 3.0])
 def test_the_robot_turns_toward_the_point_ahead(offset, heading):
     guided = follower(lookahead=0.5, heading_gain=3.0, speed=0.1)
-    steering = guided.steer(straight(0.3, offset, heading))
+    steering = guided.guidance.steer(straight(0.3, offset, heading))
     error = math.remainder(heading - math.atan2(-offset, 0.5), 2 * math.pi)
     assert steering.speed == 0.1
     assert steering.turning == pytest.approx(-0.1 * 3.0 * error, abs=1e-12)
-    assert guided.place == pytest.approx((0.3, offset, 0.0, 0.0), abs=1e-12)
+    assert guided.guidance.place == pytest.approx((0.3, offset, 0.0, 0.0), abs=1e-12)
 
 
 def test_a_sidewinding_robot_is_guided_by_its_bearing():
     guided = follower('sidewinding', speed=0.1)
     # It moves to the left of its heading: along the path if it points to the right of it.
-    assert guided.steer(straight(0.0, 0.0, -math.pi / 2)).turning == pytest.approx(0.0, abs=1e-12)
+    assert guided.guidance.steer(straight(0.0, 0.0, -math.pi / 2)).turning == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_the_curvature_of_the_path_is_fed_forward():
     found = PathFollower(Following(speed=0.1), Path.circle((0.0, 2.0), 2.0, -math.pi / 2))
     found.start(load_scene('lateral_undulation'))
-    assert found.steer(straight(0.0, 0.0, 0.0)).turning == pytest.approx(0.1 / 2.0, rel=1e-2)
+    assert found.guidance.steer(straight(0.0, 0.0, 0.0)).turning == pytest.approx(
+        0.1 / 2.0, rel=1e-2
+    )
 
 
 def test_the_integral_is_that_of_borhaug():
     guided, sigma, reach, total = follower(integral_gain=0.3, speed=0.1), 0.3, 0.5, 0.0
     for _ in range(50):
         off = 0.2 + sigma * total
-        steering = guided.steer(straight(0.0, 0.2, 0.0))
+        steering = guided.guidance.steer(straight(0.0, 0.2, 0.0))
         assert steering.turning == pytest.approx(-0.1 * 2.0 * math.atan(off / reach), rel=1e-12)
         total += 0.1 * reach * 0.2 / (off**2 + reach**2)
 

@@ -13,11 +13,12 @@ import sys
 from threading import Event
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, Twist, TwistStamped
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -27,7 +28,6 @@ from std_msgs.msg import Float64
 from snake_sim_ros.controllers.following import LineOfSight, speed_along
 from snake_sim_ros.controllers.paths import Path
 from snake_sim_ros.gaits.steering import Steering, Stride
-from snake_sim_ros.nodes.diagnostics import status_of
 from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
 from snake_sim_ros.nodes.messages import LATCHED
 from snake_sim_ros.nodes.node_parameters import parameter_fields, ParameterRequests, settle
@@ -124,8 +124,9 @@ class FollowNode(Node):
         self.error = self.create_publisher(Float64, 'cross_track_error', 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # A path that is kept for late readers may have come before this node.
+        own = {'event_callbacks': SubscriptionEventCallbacks(use_default_callbacks=False)}
         for quality in (QoSProfile(depth=1), LATCHED):
-            self.create_subscription(PathMessage, 'path', self._on_path, quality)
+            self.create_subscription(PathMessage, 'path', self._on_path, quality, **own)
         self.create_subscription(PoseArray, 'link_poses', self._on_poses, QoSProfile(depth=1))
         following = self.scene.follow
         self._follow(Path.of(following) if following else None)
@@ -171,7 +172,7 @@ class FollowNode(Node):
 
     def report(self) -> None:
         """Publish what the node does on /diagnostics."""
-        guidance, values = self.guidance, dict[str, object]()
+        guidance, values = self.guidance, dict[str, str]()
         if guidance and guidance.place:
             arc, length = guidance.place.arc, guidance.path.length
             values = {
@@ -180,8 +181,11 @@ class FollowNode(Node):
                 'remaining': 'inf' if guidance.path.closed else f'{max(0.0, length - arc):.6g}',
             }
         state = self.why or ('following' if self.is_moving else 'waiting for link_poses')
-        name = self.get_fully_qualified_name().lstrip('/')
-        message = DiagnosticArray(status=[status_of(name, '', '', state, values)])
+        name = f'{self.get_fully_qualified_name().lstrip("/")}: path'
+        pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+        message = DiagnosticArray(
+            status=[DiagnosticStatus(name=name, message=state, values=pairs)]
+        )
         message.header.stamp = self.get_clock().now().to_msg()
         self.diagnostics.publish(message)
 
@@ -202,7 +206,8 @@ class FollowNode(Node):
         try:
             path = path_from(message, self.scene.follow.closed)
         except ParameterError as error:
-            self.warn('path', f'path: {error}; the last good path holds')
+            kind = str(error).partition(', got')[0]
+            self.warn(f'path {kind}', f'path: {error}; the last good path holds')
             return
         before = self.guidance.path if self.guidance else None
         if not (path and before and np.array_equal(path.points, before.points)):

@@ -9,9 +9,13 @@ from snake_sim_ros.api.runs import (
     run as run,
     table_of as table_of,
 )
+from snake_sim_ros.controllers.controller import Controller as Controller, Measured as Measured
+from snake_sim_ros.controllers.following import PathFollower as PathFollower
+from snake_sim_ros.controllers.paths import PlanarPath as PlanarPath
 from snake_sim_ros.scene import __version__ as __version__
 from snake_sim_ros.scene.chain import Joint as Joint, Link as Link, Mesh as Mesh, Shape as Shape
 from snake_sim_ros.scene.checked_records import ParameterError as ParameterError
+from snake_sim_ros.scene.following import Following as Following
 from snake_sim_ros.scene.gait import Gait as Gait, Table as Table, Wave as Wave
 from snake_sim_ros.scene.parameters import (
     Friction as Friction,

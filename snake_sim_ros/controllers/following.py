@@ -23,7 +23,7 @@ Coulomb friction is measured, see docs/controllers.md.
 import math
 
 from snake_sim_ros.controllers.controller import Measured, Reference
-from snake_sim_ros.controllers.paths import Path, Place
+from snake_sim_ros.controllers.paths import Place, PlanarPath
 from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -57,7 +57,7 @@ class LineOfSight:
     ----------
     following : Following
         Its gains; its path is not used.
-    path : Path
+    path : PlanarPath
     stride : Stride
         How the gait moves, for the bearing.
     speed : float
@@ -70,7 +70,9 @@ class LineOfSight:
 
     """
 
-    def __init__(self, following: Following, path: Path, stride: Stride, speed: float) -> None:
+    def __init__(
+        self, following: Following, path: PlanarPath, stride: Stride, speed: float
+    ) -> None:
         self.following, self.path, self.stride, self.speed = following, path, stride, speed
         self.place: Place | None = None
         self._integral = 0.0
@@ -105,7 +107,7 @@ class PathFollower:
     ----------
     following : Following
         Its gains, and its path unless another one is given.
-    path : Path, optional
+    path : PlanarPath, optional
     stride : Stride, optional
         How the gait moves. Default: that of the gait, lateral undulation or sidewinding, as
         measured for Aiko.
@@ -121,9 +123,9 @@ class PathFollower:
     sees_poses = True
 
     def __init__(
-        self, following: Following, path: Path | None = None, stride: Stride | None = None
+        self, following: Following, path: PlanarPath | None = None, stride: Stride | None = None
     ) -> None:
-        self.following, self.path = following, path or Path.of(following)
+        self.following, self.path = following, path or PlanarPath.of(following)
         self.period, self._given = following.period, stride
 
     def start(self, scene: Scene) -> None:

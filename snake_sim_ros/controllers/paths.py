@@ -34,7 +34,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class PlanarPath:
     """
     A path on the floor; an open one goes on straight beyond its ends.
 
@@ -60,7 +60,7 @@ class Path:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @classmethod
-    def of(cls, following: Following) -> 'Path':
+    def of(cls, following: Following) -> 'PlanarPath':
         """Return the path of a scene."""
         if not following.center:
             return cls.spline(following.points, closed=following.closed)
@@ -68,7 +68,7 @@ class Path:
         return cls.circle(following.center, abs(following.radius), turn=turn)
 
     @classmethod
-    def line(cls, begin: ArrayLike, end: ArrayLike) -> 'Path':
+    def line(cls, begin: ArrayLike, end: ArrayLike) -> 'PlanarPath':
         """Return the straight line from one point to another [m]."""
         points = points_of('ends', [begin, end])
         x, y = points[1] - points[0]
@@ -77,7 +77,7 @@ class Path:
     @classmethod
     def circle(
         cls, center: ArrayLike, radius: float, begin: float = 0.0, turn: float = 2 * math.pi
-    ) -> 'Path':
+    ) -> 'PlanarPath':
         """
         Return an arc about a center [m].
 
@@ -107,7 +107,7 @@ class Path:
         return cls(np.asarray(center, dtype=float) + radius * around, angle + quarter, closed)
 
     @classmethod
-    def spline(cls, points: ArrayLike, *, closed: bool = False) -> 'Path':
+    def spline(cls, points: ArrayLike, *, closed: bool = False) -> 'PlanarPath':
         """
         Return the cubic spline through some points, by the length of the chords between them.
 

@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
 
 from snake_sim_ros.controllers.following import LineOfSight, speed_along
-from snake_sim_ros.controllers.paths import Path
+from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
 from snake_sim_ros.nodes.messages import LATCHED
@@ -62,7 +62,7 @@ class Settings(CheckedRecord):
     use_stamped_vel: bool = quantity(False, '', 'publish TwistStamped instead of Twist')
 
 
-def path_from(message: PathMessage, closed: bool) -> Path | None:
+def path_from(message: PathMessage, closed: bool) -> PlanarPath | None:
     """
     Return the path of a message, a spline through its positions; None if it is empty.
 
@@ -78,7 +78,7 @@ def path_from(message: PathMessage, closed: bool) -> Path | None:
     places = [item.pose.position for item in message.poses]
     if not places:
         return None
-    return Path.spline(points_of('poses', [(at.x, at.y) for at in places]), closed=closed)
+    return PlanarPath.spline(points_of('poses', [(at.x, at.y) for at in places]), closed=closed)
 
 
 def link_places(message: PoseArray, robot: Robot) -> Array:
@@ -129,11 +129,11 @@ class FollowNode(Node):
             self.create_subscription(PathMessage, 'path', self._on_path, quality, **own)
         self.create_subscription(PoseArray, 'link_poses', self._on_poses, QoSProfile(depth=1))
         following = self.scene.follow
-        self._follow(Path.of(following) if following else None)
+        self._follow(PlanarPath.of(following) if following else None)
         self.create_timer(following.period, self.control)
         self.create_timer(1.0, self.report)
 
-    def _follow(self, path: Path | None) -> None:
+    def _follow(self, path: PlanarPath | None) -> None:
         """Follow another path from here on, or none."""
         following, gait = self.scene.follow, self.scene.gait
         stride = Stride.of(gait)

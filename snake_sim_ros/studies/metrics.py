@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.controllers.paths import Path as FollowedPath
+from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import (
@@ -275,11 +275,11 @@ def angle_error(trajectory: Trajectory, quantile: float = 1.0) -> float:
 
 
 def _track(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Return arc lengths and cross-track errors of the center of the links, see `Path.track`."""
+    """Return arc lengths and cross-track errors of the center of the links [m]."""
     if not trajectory.scene.follow:
         raise MetricError('there is no path: the scene has no follow.points and no follow.center')
     centers = trajectory.position[:, :, :2].mean(axis=1)
-    return FollowedPath.of(trajectory.scene.follow).track(centers)
+    return PlanarPath.of(trajectory.scene.follow).track(centers)
 
 
 def cross_track(trajectory: Trajectory) -> float:

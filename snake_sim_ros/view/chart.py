@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from snake_sim_ros.controllers.paths import Path as FollowedPath
+from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import write_figure
 from snake_sim_ros.scene.parameters import Array
@@ -67,7 +67,7 @@ def draw(trajectory: Trajectory, path: Path, title: str = '') -> None:
 def _path(axes: Axes, trajectory: Trajectory) -> None:
     """Draw the way of the middle link, and the robot at the start and at the end."""
     if trajectory.scene.follow:
-        points = FollowedPath.of(trajectory.scene.follow).points
+        points = PlanarPath.of(trajectory.scene.follow).points
         axes.plot(*points.T, color='#e69f00', ls='--', label='path')
         axes.plot(*trajectory.position[:, :, :2].mean(axis=1).T, color='#009e73', label='center')
     else:

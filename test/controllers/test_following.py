@@ -9,13 +9,13 @@ import pytest
 
 from snake_sim_ros import Gait, load_scene, ParameterError, run, Scene, Wave
 from snake_sim_ros.controllers.following import CourseFilter, PathFollower
-from snake_sim_ros.controllers.paths import Path
+from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.gaits.steering import Stride
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Table
 
 LENGTH = 11 * 0.14  # of Aiko, between its first and its last contact [m]
-X_AXIS = Path.line((0.0, 0.0), (1.0, 0.0))
+X_AXIS = PlanarPath.line((0.0, 0.0), (1.0, 0.0))
 
 
 def follower(scene='lateral_undulation', **values):
@@ -52,7 +52,7 @@ def test_a_sidewinding_robot_is_guided_by_its_bearing():
 
 
 def test_the_curvature_of_the_path_is_fed_forward():
-    found = PathFollower(Following(speed=0.1), Path.circle((0.0, 2.0), 2.0, -math.pi / 2))
+    found = PathFollower(Following(speed=0.1), PlanarPath.circle((0.0, 2.0), 2.0, -math.pi / 2))
     found.start(load_scene('lateral_undulation'))
     assert found.guidance.steer(straight(0.0, 0.0, 0.0)).turning == pytest.approx(
         0.1 / 2.0, rel=1e-2
@@ -101,7 +101,7 @@ PATHS = {
 )
 def test_a_robot_follows_a_path_from_45_degrees_off(scene, seconds, most, name, share):
     scene = load_scene(scene)
-    path = Path.of(Following(**PATHS[name]))
+    path = PlanarPath.of(Following(**PATHS[name]))
     begin = path.nearest((0.0, 0.0))
     # Link 1 is at the smaller x at heading 0, so that the robot points to -x.
     travel = begin.direction + math.pi / 4
@@ -127,7 +127,7 @@ def test_a_robot_follows_a_path_from_45_degrees_off(scene, seconds, most, name, 
 
 
 def test_a_follower_runs_from_python_and_starts_anew():
-    guided = PathFollower(Following(period=0.2), Path.line((0.0, 0.0), (-5.0, 1.0)))
+    guided = PathFollower(Following(period=0.2), PlanarPath.line((0.0, 0.0), (-5.0, 1.0)))
     first = run('lateral_undulation', controller=guided, duration=2.0)
     again = run('lateral_undulation', controller=guided, duration=2.0)
     assert (first.position == again.position).all()

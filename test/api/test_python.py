@@ -355,6 +355,14 @@ def test_example_first_gait(monkeypatch, capsys, tmp_path):
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
+def test_example_follow_a_path(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'following.png'
+    text = example('follow_a_path', monkeypatch, capsys, '--duration', 1, '--out', path)
+    assert len(re.findall(r'm of the path in 1 s, \d+\.\d mm beside it\n', text)) == 2
+    assert path.read_bytes().startswith(b'\x89PNG')
+
+
 def test_example_own_controller(monkeypatch, capsys):
     text = example('own_controller', monkeypatch, capsys, '--duration', 1)
     assert re.fullmatch(r't = 1 s: turned by -?\d+\.\d degrees\n', text)

@@ -140,8 +140,9 @@ class FollowNode(Node):
         speed = speed_along(following, gait, stride)
         self.guidance = LineOfSight(following, path, stride, speed) if path else None
         self.why = '' if path else 'waiting for a path'
-        if path:
-            self.get_logger().info(f'following a path of {path.length:.4g} m')
+        self.get_logger().info(
+            f'following a path of {path.length:.4g} m' if path else 'waiting for a path'
+        )
 
     def control(self) -> None:
         """Publish the velocity of this period, or once that the robot stops."""

@@ -152,6 +152,9 @@ def run(words, folder, environment):
     return done.stdout + done.stderr
 
 
+READY = r'physics ready|waiting for a (?:robot|path)|http://'
+
+
 def run_node(words, folder, environment):
     """Start a node, wait until it says that it is ready, interrupt it; it must end with 0."""
     output = folder / 'output.txt'

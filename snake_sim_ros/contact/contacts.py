@@ -46,7 +46,8 @@ SOLUTION = np.dtype(
         ('is_loaded', np.int64),  # 1 if it carries load at the end of the step
     ]
 )
-# Linear laws and iterates of Newton's method, which nothing else reads.
+# Linear laws and iterates of Newton's method; other solvers and the closing of gaps use parts of
+# it as scratch.
 NEWTON = np.dtype(
     [
         ('row', np.int64),  # its first row in the Delassus operator

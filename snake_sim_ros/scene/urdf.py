@@ -495,7 +495,7 @@ class Bodies(NamedTuple):
             if not self.replace:
                 raise ParameterError(
                     f'inertia of link {cut(part.name)} {flaw}; correct it, or take that of '
-                    f'uniform solids with replace_inertia'
+                    f'uniform solids with replace_inertia: true beside urdf'
                 )
             if missing or not volume:
                 raise ParameterError(

@@ -51,6 +51,9 @@ SUSPECTS = (
     ('marker.x', 'marker.y', 'marker.z'),
     ('frame.roll', 'frame.pitch'),
 )
+# Share of the largest curvature, and of a coordinate in a direction, that counts as none:
+# derivatives by differences are good to 1e-6 or so.
+NOTHING = 1e-12
 SUGGESTED = 0.3  # share of what is left over from which others than the best are suggested
 NOT_EXPLAINED = 'the model does not explain the recording, so intervals do not hold: '
 
@@ -131,12 +134,13 @@ def judge(found: Fit, seed: int = 0) -> Judgement:
     curvature = np.array([A for A, _ in scores])
     score = -np.array([g for _, g in scores])  # the Jacobian is that of measured minus simulated
     A = curvature.sum(axis=0)
-    inverse = np.linalg.pinv(A, hermitian=True)
+    inverse, lost = _inverse(A, _units(found))
     scale = max(1.0, _mean_square(found))
     covariance = scale * inverse
-    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.where(lost, np.inf, np.sqrt(np.diag(covariance)))
     bounds = deviation[:, None] * stats.norm.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     resampled = _bootstrap(curvature, score, seed)
+    resampled[lost] = -np.inf, np.inf
     singular, combinations = _combinations(found, A, scale)
     size = _sizes(found)
     constancy, memory = _constancy(curvature, score, scale), _memory(found)
@@ -146,6 +150,27 @@ def judge(found: Fit, seed: int = 0) -> Judgement:
         deviation, _values_at(found, bounds), _values_at(found, resampled), correlation, singular,
         combinations, size, constancy, memory, _failures(found, size, constancy, memory),
     )  # fmt: skip
+
+
+def _units(found: Fit) -> Array:
+    """Return the changes of the coordinates that are compared with each other, (p,)."""
+    return np.array([
+        1.0 if unknown.is_positive else max(abs(value), LEAST_SIZE)
+        for unknown, value in zip(found.unknowns, found.values, strict=True)
+    ])  # fmt: skip
+
+
+def _inverse(A: Array, unit: Array) -> tuple[Array, Array]:
+    """
+    Return the inverse of a curvature (p, p), and which coordinates it does not determine, (p,).
+
+    The pseudoinverse has no variance along directions that change nothing, as if they were known.
+    """
+    squares, parts = np.linalg.eigh(A * np.outer(unit, unit))
+    known = squares > NOTHING * squares.max(initial=0.0)
+    lost = (parts[:, ~known] ** 2).sum(axis=1) > NOTHING
+    half = unit[:, None] * parts[:, known] / np.sqrt(squares[known])
+    return half @ half.T, lost
 
 
 def _values_at(found: Fit, offsets: Array) -> Array:
@@ -172,10 +197,7 @@ def _bootstrap(curvature: Array, score: Array, seed: int) -> Array:
 
 def _combinations(found: Fit, A: Array, scale: float) -> tuple[Array, tuple[Combination, ...]]:
     """Return singular values and combinations, the best determined one first."""
-    unit = np.array([
-        1.0 if unknown.is_positive else max(abs(value), LEAST_SIZE)
-        for unknown, value in zip(found.unknowns, found.values, strict=True)
-    ])  # fmt: skip
+    unit = _units(found)
     squares, parts = np.linalg.eigh(A * np.outer(unit, unit))
     singular = np.sqrt(np.maximum(squares, 0.0))[::-1]
     count = sum(len(item.flat()) for item in found.residuals)
@@ -370,11 +392,16 @@ def write_scene(found: Fit, scene: Scene, source: Path, path: Path) -> None:
 def lines(found: Fit, judgement: Judgement, *, forced: bool = False) -> list[str]:
     """Return what was found in lines of text; intervals that do not hold only if forced."""
     found_lines = []
-    rows = zip(found.unknowns, found.values, judgement.interval, judgement.bootstrap, strict=True)
-    for unknown, value, (low, high), drawn in rows:
+    rows = zip(
+        found.unknowns, found.values, judgement.deviation, judgement.interval,
+        judgement.bootstrap, strict=True,
+    )  # fmt: skip
+    for unknown, value, deviation, (low, high), drawn in rows:
         unit = '' if unknown.unit == '1' else f' {unknown.unit}'
         found_lines.append(f'{unknown.name}: {value:.5g}{unit}')
-        if forced or not judgement.failures:
+        if np.isinf(deviation):
+            found_lines[-1] += ', not determined'
+        elif forced or not judgement.failures:
             found_lines[-1] += (
                 f', 95 % within {low:.5g} to {high:.5g} '
                 f'(bootstrap {drawn[0]:.5g} to {drawn[1]:.5g})'
@@ -411,10 +438,10 @@ def summary(found: Fit, judgement: Judgement, *, forced: bool = False) -> dict[s
             'value': value,
             'start': unknown.start,
             'deviation': float(deviation * (value if unknown.is_positive else 1.0))
-            if holds
+            if holds and np.isfinite(deviation)
             else None,
-            'interval': interval.tolist() if holds else None,
-            'bootstrap': drawn.tolist() if holds else None,
+            'interval': interval.tolist() if holds and np.isfinite(deviation) else None,
+            'bootstrap': drawn.tolist() if holds and np.isfinite(deviation) else None,
         }
         for unknown, value, deviation, interval, drawn in rows
     }

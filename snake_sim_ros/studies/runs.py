@@ -33,7 +33,7 @@ CONVERGED, MAX_ITERATIONS, DIVERGED = (status.value for status in Status)
 # Status of rows besides those of `base.Status`.
 REFUSED, FAILED, OUT_OF_TIME = 'refused', 'failed', 'out_of_time'
 # What computes the results of a run, besides the compiler and NumPy.
-SOURCES = ('scene', 'dynamics', 'gaits', 'contact', 'stepping', 'studies/metrics.py')
+SOURCES = (*code_cache.ROOMS, 'controllers', 'studies/metrics.py')
 KEY_LENGTH = 32  # hexadecimal digits
 
 

@@ -28,6 +28,8 @@ from snake_sim_ros.stepping.simulation import simulate
 from snake_sim_ros.studies.fit import Fit, fit, OFFSETS, scene_at, SETUP, Unknown, unknowns_of
 from snake_sim_ros.studies.judgement import (
     judge,
+    lines,
+    summary,
     what_is_not_determined,
     what_is_suggested,
     write_scene,
@@ -281,6 +283,28 @@ def test_threads_and_repetitions_give_the_same_bits(recording):
         replay = replay_of(recording, seed=3)
         values.append(fit(replay, unknowns_of(replay.scene, BOTH[:1]), threads=threads).values)
     assert values[0] == values[1]
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-10])
+@pytest.mark.parametrize('share', [0.0, 0.7])  # no effect, or that of another value
+def test_what_is_not_determined_has_no_interval(found, share, noise):
+    random = np.random.default_rng(4)
+    jacobians = [J.copy() for J in found.jacobians]
+    for J in jacobians:
+        J[:, 2] = share * J[:, 1] + noise * np.abs(J[:, 1]).max() * random.normal(size=len(J))
+    lost = replace(found, jacobians=jacobians)
+    judgement, whole = judge(lost), judge(found)
+    unknown = [2] if share == 0.0 else [1, 2]
+    assert (np.isinf(judgement.deviation) == np.isin(range(3), unknown)).all()
+    for k in unknown:
+        assert summary(lost, judgement)['values'][ALL[k]]['interval'] is None
+        assert any(
+            line.startswith(f'{ALL[k]}: ') and line.endswith(', not determined')
+            for line in lines(lost, judgement)
+        )
+    assert judgement.deviation[0] <= whole.deviation[0] * (1 + 1e-9)
+    assert 'does not determine' in what_is_not_determined(lost, judgement)[-1]
+    json.dumps(summary(lost, judgement), allow_nan=False)
 
 
 def test_what_hardly_matters_is_said(found):

@@ -27,8 +27,8 @@ from snake_sim_ros.scene.parameters import Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
 STEEPEST = 0.8  # largest gradient of a steered gait
-# Of Aiko, measured: friction of case A with 0.7 to 1.3 times its coefficients, and case C with
-# coefficients from 0.14 to 0.6, where the turn is -0.72 to -0.80 rad.
+# Of Aiko, measured in case A, and in case C with coefficients of friction from 0.14 to 0.6, where
+# the turn is -0.72 to -0.80 rad.
 LATERAL, SIDEWAYS, TURN = 0.546, 0.473, -0.78  # [m], [m], [rad] a cycle
 
 
@@ -36,7 +36,7 @@ LATERAL, SIDEWAYS, TURN = 0.546, 0.473, -0.78  # [m], [m], [rad] a cycle
 class Stride:
     """What a cycle of a gait does to a robot, with frequencies above 0."""
 
-    length: float  # distance by which it moves the robot, below 0 if link 1 goes behind [m]
+    length: float  # distance by which it moves the robot [m]
     bearing: float = 0.0  # direction in which it moves, from the heading to the left [rad]
     turn: float = 0.0  # angle by which a gradient of 1 turns it [rad]; 0: an offset turns it
 

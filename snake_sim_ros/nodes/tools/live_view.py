@@ -39,13 +39,14 @@ def view_live(source: str | None, host: str, port: int, open_browser: bool) -> i
     check_address(host, port)
     browser = f'open_browser:={str(open_browser).lower()}'
     page = f'host:={host}', f'port:={port}', browser
-    if source:
-        scene_to_run(source)
+    follows = bool(source and scene_to_run(source).follow)
     with interruptible() as stop, children() as nodes:
         try:
             if source:
                 nodes.append(start('sim', f'scene:={source}'))
                 nodes.append(start('gait', f'scene:={source}', 'use_sim_time:=true'))
+            if follows:
+                nodes.append(start('follow', f'scene:={source}', 'use_sim_time:=true'))
             nodes.append(start('viewer', *page, echo=True))
             _watch(nodes, stop)
         except NodeDied as error:

@@ -239,7 +239,7 @@ def test_what_a_recording_does_not_determine_stays(recording, seed):
     # is moved to where it fits best: nothing but rounding and errors of steps ask for a place.
     replay = replay_of(measured_with(recording, Setup()), seed=seed)
     found = fit(replay, unknowns_of(replay.scene, [*BOTH, 'marker.y'], replay.setup))
-    # A tenth of its range; it was 0.5 m, all of it.
+    # A tenth of how far it may go; it was 0.5 m, all of that.
     assert abs(found.values[2]) < 0.05
     assert found.values[:2] == pytest.approx([0.1, 0.5], rel=0.05)
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from snake_sim_ros.studies.replay import Replay
 
 GLOBAL = 400  # simulations of a global stage
-MOST_START = 0.1  # effect of an error of the start, in units of the noise, that is not said
 FINER = 4  # times shorter steps of synthetic recordings
 
 
@@ -104,7 +103,7 @@ def _fit(options: argparse.Namespace) -> int:
         what_is_suggested,
         write_scene,
     )
-    from snake_sim_ros.studies.replay import start_effect, START_ERROR
+    from snake_sim_ros.studies.replay import MOST_START, start_effect, START_ERROR
 
     begin = time.monotonic()
     plot = _plotter(options)

@@ -391,8 +391,10 @@ def fit(
             raise ParameterError('every segment diverges with the values of the scene')
         if globally:
             x = _searched(evaluate, x, low, high, globally, seed)
+        x, hold = np.clip(x, low, high), _hold(unknowns)
         found = least_squares(
-            evaluate.flat, np.clip(x, low, high), evaluate.jacobian, bounds=(low, high),
+            lambda y: np.concatenate([evaluate.flat(y), hold @ (y - x)]), x,
+            lambda y: np.concatenate([evaluate.jacobian(y), hold]), bounds=(low, high),
             x_scale='jac', ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE,
             max_nfev=MOST_EVALUATIONS,
         )  # fmt: skip
@@ -401,6 +403,19 @@ def fit(
         )
         jacobians, residuals = evaluate.jacobians(found.x), evaluate.residuals(found.x)
         return Fit(replay, unknowns, found.x, residuals, jacobians, at_bound, evaluate.count)
+
+
+def _hold(unknowns: Sequence[Unknown]) -> Array:
+    """
+    Return the derivatives of residuals that hold coordinates where a search starts, (p, p).
+
+    Each says that the standard deviation of a coordinate is the farthest that it may go: FARTHEST,
+    or half its range, if it has one. It moves what a recording determines by much less than its
+    noise, and what it does not determine stays, which would otherwise follow the errors of
+    derivatives as far as bounds allow.
+    """
+    far = [FARTHEST if u.is_positive else (u.high - u.low) / 2 for u in unknowns]
+    return np.diag(1.0 / np.array(far))
 
 
 def _searched(

@@ -57,6 +57,7 @@ LOST = 1e3  # residual of a segment whose simulation fails, in units of the nois
 # they took thousands, and a segment seconds.
 MOST_ITERATIONS = 1000
 START_ERROR = 5e-3  # rad, what a measured start is off by at most
+MOST_START = 0.1  # effect of such an error, in units of the noise, that is not said
 MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
 
 

@@ -413,7 +413,8 @@ def _windowed(source: Mapping[Any, Any], folder: Path | None) -> Metric:
     function = metric.function
     if window.quantile < 1.0:
         if function not in MAXIMA:
-            maxima = ' and '.join(item.__name__ for item in MAXIMA)
+            *others, last = (item.__name__ for item in MAXIMA)
+            maxima = f'{", ".join(others)} and {last}'
             raise ParameterError(
                 f'metrics: {name}: quantile is for {maxima}, got quantile {window.quantile:g} of '
                 f'{window.of}'

@@ -32,6 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'studies.md').read_text(encoding='utf-8')
 EXAMPLE = ROOT / 'examples' / 'friction_and_amplitude.yaml'
 SHORT = {'duration': 0.5}
+ON_A_PATH = {**SHORT, 'follow.center': [0.0, -1.5]}
 FRICTION = {'friction.transversal': [0.3, 0.4, 0.5]}
 
 
@@ -167,7 +168,7 @@ BAD = [
     ),
     (
         {'metrics': [{'steady': {'of': 'speed', 'quantile': 0.9}}]},
-        'quantile is for peak_torque and angle_error, got quantile 0.9 of speed',
+        'quantile is for peak_torque, angle_error and cross_track_peak, got quantile 0.9 of speed',
     ),
     ({'metrics': [3]}, 'metrics must be names or functions, got 3'),
     ({'metrics': ['no_such_module:f']}, 'module no_such_module cannot be imported'),
@@ -299,9 +300,9 @@ def test_cost_of_transport_is_of_the_whole_weight_on_a_slope():
 
 def test_metrics_are_those_of_the_same_run_alone():
     scene = with_settings(load_scene('lateral_undulation'), {'friction.transversal': 0.3})
-    scene = with_settings(scene, SHORT)
-    names = list(METRICS)
-    frame = study('lateral_undulation', {'friction.transversal': [0.3]}, names, set=SHORT, rate=40)
+    scene, names = with_settings(scene, ON_A_PATH), list(METRICS)
+    vary = {'friction.transversal': [0.3]}
+    frame = study('lateral_undulation', vary, names, set=ON_A_PATH, rate=40)
     scene = with_usual_steps(scene, (), 1 / 40)
     keep = Keep(contacts=True, joints=True)
     alone = sample(Simulation(scene), *samples_of(scene, 40.0), keep=keep)
@@ -530,11 +531,11 @@ def test_other_metrics_take_kept_trajectories(tmp_path, monkeypatch):
     def broken(trajectory):
         raise ValueError('no')
 
-    keep = {'set': SHORT, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
+    keep = {'set': ON_A_PATH, 'out': tmp_path / 'a.parquet', 'trajectories': tmp_path / 'runs'}
     first = study('lateral_undulation', FRICTION, ['slip', broken], **keep)
     assert set(first['status']) == {'failed'}
     full = [name for name in METRICS if name != 'slip']
-    expected = study('lateral_undulation', FRICTION, full, set=SHORT)
+    expected = study('lateral_undulation', FRICTION, full, set=ON_A_PATH)
     monkeypatch.setattr(runs, 'Simulation', None)  # no run is done again
     # Where only what failed is missing, it is tried with the trajectory.
     again = study('lateral_undulation', FRICTION, ['slip', broken], **keep)

@@ -81,8 +81,7 @@ class LineOfSight:
     def steer(self, position: Array) -> Steering:
         """Return speed and turning rate for link centers (n, 3) [m, frame I]."""
         given, center = self.following, position[:, :2].mean(axis=0)
-        arc = self.place.arc if self.place else None
-        self.place = place = self.path.nearest(center, arc)
+        self.place = place = self._next_place(center)
         ahead = position[0, :2] - position[-1, :2]
         travel = math.atan2(ahead[1], ahead[0]) + self.stride.bearing
 
@@ -93,10 +92,19 @@ class LineOfSight:
         if given.heading_filter:
             if not self._filter:
                 self._filter = CourseFilter(given.heading_filter, travel)
+            self._filter.frequency = given.heading_filter
             self._filter.follow(course, given.period)
             course, turning = self._filter.course, self._filter.rate
         turning -= self.speed * given.heading_gain * math.remainder(travel - course, math.tau)
         return Steering(self.speed, turning)
+
+    def _next_place(self, center: Array) -> Place:
+        """Return the next place; a path whose ends meet is followed from its begin."""
+        if self.place:
+            return self.path.nearest(center, self.place.arc)
+        begin = self.path.nearest(center, 0.0)
+        is_near = abs(begin.cross_track) <= self.following.lookahead
+        return begin if is_near else self.path.nearest(center)
 
 
 class PathFollower:

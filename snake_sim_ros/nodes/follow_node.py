@@ -22,24 +22,28 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
 from snake_sim_ros.controllers.following import LineOfSight, speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
-from snake_sim_ros.nodes.messages import LATCHED
+from snake_sim_ros.nodes.messages import LATCHED, ODOM, WORLD
 from snake_sim_ros.nodes.node_parameters import parameter_fields, ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.nodes.state_messages import ODOM, WORLD
 from snake_sim_ros.recording.from_messages import poses
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity, quoted
 from snake_sim_ros.scene.following import Following, points_of
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, with_settings
 
 STOPPED = Steering(0.0, 0.0)
-GAINS = tuple(name for name in parameter_fields(Following(), 'follow.') if name != 'follow.period')
+FIXED = ('points', 'closed', 'center', 'radius', 'period')  # as long as the node runs
+GAINS = tuple(
+    name
+    for name in parameter_fields(Following(), 'follow.')
+    if name.partition('.')[2] not in FIXED
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +118,7 @@ class FollowNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self.warn = ThrottledWarnings(self)
+        self.path: PlanarPath | None = None
         self.guidance: LineOfSight | None = None
         self.places: Array | None = None
         self.heard = self.latest = 0  # time of the last poses, and of the last period [ns]
@@ -124,10 +129,13 @@ class FollowNode(Node):
         self.error = self.create_publisher(Float64, 'cross_track_error', 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # A path that is kept for late readers may have come before this node.
-        own = {'event_callbacks': SubscriptionEventCallbacks(use_default_callbacks=False)}
-        for quality in (QoSProfile(depth=1), LATCHED):
-            self.create_subscription(PathMessage, 'path', self._on_path, quality, **own)
-        self.create_subscription(PoseArray, 'link_poses', self._on_poses, QoSProfile(depth=1))
+        self.create_subscription(PathMessage, 'path', self._on_path, QoSProfile(depth=1))
+        silent = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self.create_subscription(
+            PathMessage, 'path', self._on_path, LATCHED, event_callbacks=silent
+        )
+        sensor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self.create_subscription(PoseArray, 'link_poses', self._on_poses, sensor)
         following = self.scene.follow
         self._follow(PlanarPath.of(following) if following else None)
         self.create_timer(following.period, self.control)
@@ -138,6 +146,7 @@ class FollowNode(Node):
         following, gait = self.scene.follow, self.scene.gait
         stride = Stride.of(gait)
         speed = speed_along(following, gait, stride)
+        self.path = path
         self.guidance = LineOfSight(following, path, stride, speed) if path else None
         self.why = '' if path else 'waiting for a path'
         self.get_logger().info(
@@ -149,7 +158,8 @@ class FollowNode(Node):
         now, guidance = self.get_clock().now().nanoseconds, self.guidance
         if now < self.latest:  # a simulation that was reset
             self.heard, self.places = 0, None
-            self._follow(guidance.path if guidance else None)
+            self._follow(self.path)
+            guidance = self.guidance
         self.latest = now
         if not guidance or now == 0 or self.places is None:
             self._stop()
@@ -211,7 +221,11 @@ class FollowNode(Node):
             self.warn(f'path {kind}', f'path: {error}; the last good path holds')
             return
         before = self.guidance.path if self.guidance else None
-        if not (path and before and np.array_equal(path.points, before.points)):
+        if path and before:
+            is_known = np.array_equal(path.points, before.points)
+        else:
+            is_known = not (path or self.path)
+        if not is_known:  # one that is latched comes twice
             self._follow(path)
 
     def _on_poses(self, message: PoseArray) -> None:
@@ -238,7 +252,9 @@ class FollowNode(Node):
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
         self.scene = self._changed(parameters)
         if self.guidance:
-            self.guidance.following = self.scene.follow
+            following, stride = self.scene.follow, self.guidance.stride
+            self.guidance.following = following
+            self.guidance.speed = speed_along(following, self.scene.gait, stride)
 
 
 def run_follow(node: FollowNode, stop: Event) -> None:

@@ -18,6 +18,7 @@ from snake_sim_ros.scene.parameters import Array
 
 # Who subscribes later still gets the last message.
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+WORLD, ODOM, BASE = 'world', 'odom', 'base_link'  # frames
 EPOCH = 1e8  # s; a later stamp is that of a wall clock: simulated time begins at zero
 
 

@@ -19,8 +19,8 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
 from snake_sim_ros.nodes.executors import Refusals
+from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.state_messages import BASE, ODOM, WORLD
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Array

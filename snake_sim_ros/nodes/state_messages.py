@@ -26,6 +26,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
 from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import own_poses
@@ -33,7 +34,6 @@ from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 
-WORLD, ODOM, BASE = 'world', 'odom', 'base_link'
 TURNED = np.array([-1.0, -1.0, 1.0])  # signs of such components in a frame turned around
 ENCAPSULATION = 4  # bytes at the begin of a message, which name its encoding
 MARK = math.pi  # a number that can be found in the bytes of a message

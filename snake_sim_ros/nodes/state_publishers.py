@@ -19,17 +19,9 @@ from std_msgs.msg import ColorRGBA, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from snake_sim_ros.gaits.joint_reference import JointReference
-from snake_sim_ros.nodes.messages import LATCHED, stamp_from
+from snake_sim_ros.nodes.messages import BASE, LATCHED, ODOM, stamp_from, WORLD
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.state_messages import (
-    BASE,
-    base_name,
-    MARK,
-    ODOM,
-    SerializedMessage,
-    StateMessages,
-    WORLD,
-)
+from snake_sim_ros.nodes.state_messages import base_name, MARK, SerializedMessage, StateMessages
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
 from snake_sim_ros.recording.sensors import (
     ACCELERATION,

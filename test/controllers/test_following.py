@@ -68,6 +68,26 @@ def test_the_integral_is_that_of_borhaug():
         total += 0.1 * reach * 0.2 / (off**2 + reach**2)
 
 
+def test_a_path_whose_ends_meet_is_followed_from_its_begin():
+    path = PlanarPath.circle((0.0, 0.0), 2.0, turn=6.26)
+    found = PathFollower(Following(), path)
+    found.start(load_scene('lateral_undulation'))
+    found.guidance.steer(straight(2.0, -0.05, math.pi / 2))
+    assert found.guidance.place.arc < 0.0
+    # Elsewhere, and where it is far from the begin, it is followed from where it is nearest.
+    found.start(load_scene('lateral_undulation'))
+    found.guidance.steer(straight(-2.1, 0.0, math.pi / 2))
+    assert found.guidance.place.arc == pytest.approx(2.0 * math.pi, abs=0.02)
+
+
+def test_gains_may_change_on_the_way():
+    guided = follower(heading_filter=1.0).guidance
+    for frequency in (1.0, 9.0):
+        guided.following = Following(heading_filter=frequency)
+        guided.steer(straight(0.0, 0.5, 0.0))
+        assert guided._filter.frequency == frequency
+
+
 @pytest.mark.parametrize('periods', [(0.1,) * 40, (1.0, 0.5, 2.5)])
 def test_the_reference_filter_is_critically_damped(periods):
     # c'' + 2 w c' + w^2 (c - 1) = 0 from rest at 0: c = 1 - (1 + w t) exp(-w t)

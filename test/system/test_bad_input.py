@@ -314,6 +314,21 @@ BAD_STARTS = {
         ['accuracy:=0.001', 'method:=newton'],
         'accuracy 0.001 needs method bdf2, which divides steps, or auto; got method newton',
     ),
+    'gains of following': (
+        'follow',
+        ['follow.lookahead:=0.0'],
+        'follow.lookahead must be above 0',
+    ),
+    'path of following': (
+        'follow',
+        ['follow.center:=[0.0]'],
+        'center must have 2 components, got 1',
+    ),
+    'follow': (
+        'follow',
+        ['folow.speed:=1.0'],
+        "unknown parameter 'folow.speed'; did you mean 'follow.speed'?",
+    ),
     'gait': (
         'gait',
         ['gait.yaw.amplitud:=0.2'],
@@ -326,10 +341,9 @@ BAD_STARTS = {
 STARTS = """
 import json
 import sys
-from snake_sim_ros.nodes import gait_node
-from snake_sim_ros.nodes import sim_node
+from snake_sim_ros.nodes import follow_node, gait_node, sim_node
 for name, arguments in json.loads(sys.argv[1]):
-    main = {'sim': sim_node, 'gait': gait_node}[name].main
+    main = {'sim': sim_node, 'gait': gait_node, 'follow': follow_node}[name].main
     print('ended with', main([name, '--ros-args', *arguments]), flush=True)
 """
 

@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from snake_sim_ros import Robot, Scene, Solver, State
-from snake_sim_ros.scene.chain import Joint, LARGEST_ANGLE, Link, Shape
+from snake_sim_ros import Joint, Link, Robot, Scene, Shape, Solver, State
+from snake_sim_ros.scene.chain import LARGEST_ANGLE
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, joint_rates
 from snake_sim_ros.stepping.methods import METHODS
 

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots whose links are given one by one: Aiko, and modules with single axes that alternate."""
 
-from snake_sim_ros import Robot
-from snake_sim_ros.scene.chain import Joint, Link, Shape
+from snake_sim_ros import Joint, Link, Robot, Shape
 
 
 def aiko_link_by_link(links: int, *, two_axes: bool = True, **values: object) -> Robot:

@@ -4,8 +4,7 @@
 
 import numpy as np
 
-from snake_sim_ros import Robot, State
-from snake_sim_ros.scene.chain import Joint, Link, Shape
+from snake_sim_ros import Joint, Link, Robot, Shape, State
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import product, rotation_matrices

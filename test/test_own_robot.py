@@ -16,28 +16,24 @@ from urdf_texts import written_from
 from snake_sim_ros import (
     Friction,
     Gait,
+    load_robot,
     load_scene,
     ParameterError,
     read_run,
     run,
     Scene,
     Simulation,
+    study,
     Wave,
 )
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.recorded_runs import write_csv
 from snake_sim_ros.recording.sensors import recorded_sensors, SensorReader, Sensors
 from snake_sim_ros.scene.chain import FixedFrame, roll_pitch_yaw
-from snake_sim_ros.scene.parameters import (
-    load_robot,
-    scene_from_text,
-    scene_to_text,
-    with_settings,
-)
+from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 from snake_sim_ros.scene.posture import from_own_poses, own_poses
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
 from snake_sim_ros.stepping.simulation import simulate
-from snake_sim_ros.studies.study import study
 from snake_sim_ros.view.frames import at_rest, bodies_of, placed
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'scenes.md'
@@ -88,6 +84,18 @@ def test_reu_travels(name, way):
     found = run(name, duration=10.0)
     assert found.distance == pytest.approx(way, rel=0.1)
     assert not found.report.unconverged and found.report.penetration_max < 1e-5
+    # Its sensors carry its weight, and the viewer shows all of its links where they are.
+    robot = found.scene.robot
+    sensors = Sensors(imu_links=robot.link_names[3], contact_force_links='all')
+    measured = recorded_sensors(found, sensors)
+    load = measured['contact_wrench'][:, :, 2].sum(axis=1).mean()  # in frames of links that tilt
+    assert load == pytest.approx(robot.chain.mass.sum() * 9.81, rel=0.1)
+    assert measured['imu_link'].tolist() == [4]
+    q, angle = found.coordinates[-1], robot.by_joint(found.joint_angle[-1], 0.0)
+    position, orientation = own_poses(robot, q)
+    shown = placed(robot, angle, (position[robot.base_link], orientation[robot.base_link]))
+    assert np.abs(shown[:, :3] - q[:, :3]).max() < 1e-6
+    assert set(bodies_of(robot).link.tolist()) == set(range(robot.link_count))
 
 
 def test_a_urdf_is_a_robot_wherever_a_robot_is_named(tmp_path):

@@ -7,12 +7,20 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros import Gait, load_scene, ParameterError, run, Scene, Wave
-from snake_sim_ros.controllers.following import CourseFilter, PathFollower
-from snake_sim_ros.controllers.paths import PlanarPath
+from snake_sim_ros import (
+    Following,
+    Gait,
+    load_scene,
+    ParameterError,
+    PathFollower,
+    PlanarPath,
+    run,
+    Scene,
+    Table,
+    Wave,
+)
+from snake_sim_ros.controllers.following import CourseFilter
 from snake_sim_ros.gaits.steering import Stride
-from snake_sim_ros.scene.following import Following
-from snake_sim_ros.scene.gait import Table
 
 LENGTH = 11 * 0.14  # of Aiko, between its first and its last contact [m]
 X_AXIS = PlanarPath.line((0.0, 0.0), (1.0, 0.0))

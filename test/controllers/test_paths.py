@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from snake_sim_ros import ParameterError
-from snake_sim_ros.controllers.paths import PlanarPath, SAG
-from snake_sim_ros.scene.following import Following
+from snake_sim_ros import Following, ParameterError, PlanarPath
+from snake_sim_ros.controllers.paths import SAG
 
 pytestmark = pytest.mark.fast
 

@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from urdf_texts import written_from
 
-from snake_sim_ros import Robot, Scene, Simulation, State
+from snake_sim_ros import load_robot, Robot, Scene, Simulation, State
 from snake_sim_ros.nodes.diagnostics import shown, status_of
 from snake_sim_ros.nodes.messages import command_message, seconds_from, stamp_from
 from snake_sim_ros.nodes.state_messages import StateMessages
@@ -26,7 +26,7 @@ from snake_sim_ros.nodes.state_publishers import SensorMessages
 from snake_sim_ros.recording.sensors import SensorReader, Sensors
 from snake_sim_ros.scene.chain import FixedFrame
 from snake_sim_ros.scene.checked_records import flat_fields
-from snake_sim_ros.scene.parameters import load_robot, load_scene
+from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import own_poses
 from snake_sim_ros.scene.rotations import FLAT, rotation_matrices
 from snake_sim_ros.stepping.sampling import joint_motion

@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from snake_sim_ros import Scene
 from snake_sim_ros.contact.laws import prox_ellipse
 from snake_sim_ros.scene.obstacles import first_peg
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array
 
 EPS = float(np.finfo(float).eps)
 ROUNDS, SWEEPS, ITERATIONS = 40, 25, 30

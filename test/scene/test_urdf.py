@@ -33,8 +33,8 @@ from urdf_texts import (
     written_from,
 )
 
-from snake_sim_ros import ParameterError, Robot, Scene
-from snake_sim_ros.scene.chain import angles_of, Joint, Link, roll_pitch_yaw, Shape
+from snake_sim_ros import Joint, Link, ParameterError, Robot, Scene, Shape
+from snake_sim_ros.scene.chain import angles_of, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.files import CONFIG, read_mapping
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text

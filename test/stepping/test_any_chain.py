@@ -21,12 +21,15 @@ from test_bdf2_reference import assert_agreement, both, FRICTIONS, random_case
 from snake_sim_ros import (
     Friction,
     Gait,
+    Joint,
+    Link,
     load_scene,
     ParameterError,
     Pegs,
     Robot,
     run,
     Scene,
+    Shape,
     Simulation,
     Solver,
     Start,
@@ -35,7 +38,7 @@ from snake_sim_ros import (
 )
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene import obstacles
-from snake_sim_ros.scene.chain import FixedFrame, Joint, Link, Shape
+from snake_sim_ros.scene.chain import FixedFrame
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN

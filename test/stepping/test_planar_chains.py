@@ -10,9 +10,7 @@ from oracle import empty_history, make_stepper, ORACLE
 import pytest
 from test_planar import EXACT, flat_scene, FRICTIONS, HELD
 
-from snake_sim_ros import Friction, load_scene, ParameterError, Patches, Pegs
-from snake_sim_ros.scene.chain import Shape
-from snake_sim_ros.scene.parameters import load_robot
+from snake_sim_ros import Friction, load_robot, load_scene, ParameterError, Patches, Pegs, Shape
 from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.levels import what_is_not_planar

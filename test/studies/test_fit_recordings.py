@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from urdf_texts import written_from
 
-from snake_sim_ros import ParameterError, Scene, Simulation
+from snake_sim_ros import load_robot, ParameterError, Scene, Simulation
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.nodes.messages import stamp_from, trajectory_message
 from snake_sim_ros.nodes.received_commands import (
@@ -23,7 +23,7 @@ from snake_sim_ros.nodes.received_commands import (
     position_commands,
 )
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import load_robot, load_scene, with_settings
+from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import chain_coordinates, joint_angles, own_poses
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.studies.recorded_motion import read_recording, Recording

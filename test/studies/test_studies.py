@@ -12,14 +12,14 @@ import re
 import numpy as np
 import pytest
 
-from snake_sim_ros import ParameterError, Report, Scene, study
+from snake_sim_ros import ParameterError, Report, Scene, Simulation, study
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene, samples_of, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import sample, Simulation
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES, Trajectory
 from snake_sim_ros.studies import runs, workers
 from snake_sim_ros.studies.metrics import metric_of, MetricError, METRICS, USUAL_METRICS

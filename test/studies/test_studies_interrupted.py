@@ -15,8 +15,8 @@ from threading import Thread
 import pytest
 from stopped_commands import DEADLINE, ENVIRONMENT, rows_of, SLOW, stopped, wait_for
 
+from snake_sim_ros import ParameterError
 from snake_sim_ros.commands.main import main
-from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies import workers
 from snake_sim_ros.studies.study import load_study, run_study
 from snake_sim_ros.studies.table import journal_of

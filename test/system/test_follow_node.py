@@ -27,9 +27,9 @@ class Course:
 
     def __init__(self, graph):
         self.graph = graph
-        self.sim = SimClient(graph, 'real_time_factor:=5.0', 'publish_rate:=50.0')
+        self.sim = SimClient(graph, 'real_time_factor:=2.5', 'publish_rate:=25.0')
         self.node = graph.start('follow', 'use_sim_time:=true', '-p tolerance:=0.2')
-        graph.start('gait', 'use_sim_time:=true', 'publish_rate:=50.0')
+        graph.start('gait', 'use_sim_time:=true', 'publish_rate:=25.0')
         self.paths = graph.node.create_publisher(Path, 'path', QoSProfile(depth=1))
         self.errors = graph.record(Float64, 'cross_track_error')
         self.steered = graph.record(Twist, 'cmd_vel')
@@ -99,16 +99,23 @@ def test_what_is_no_path_is_refused(course, points, frame, message):
 def test_the_robot_follows_a_path_to_its_end(course):
     start = course.center
     # It points to -x, the path 45 degrees to the left of that.
-    end = start - 2.2
+    end = start - 1.5
     course.send(start, end)
-    course.says('following a path of 3.111 m')
+    course.says('following a path of 2.121 m')
     course.says('at the end of the path')
     course.graph.until(lambda: course.steered[-1] == Twist(), 'the robot to stop')
     late = [each.data for each in course.errors[-len(course.errors) // 5 :]]
     assert len(course.errors) > 100
-    # Twice as much as without delays, which are five times as long in simulated time.
+    # Twice as much as without delays.
     assert math.sqrt(np.square(late).mean()) < 0.1 * LENGTH
-    assert np.hypot(*(course.center - end)) < 0.35
+    assert (end - course.center).max() < 0.4  # it may go on while others have the processor
+
+    def stands():
+        before = course.center
+        course.graph.spin(0.2)
+        return np.hypot(*(course.center - before)) < 1e-3
+
+    course.graph.until(stands, 'the robot to stand')
     assert course.state() == 'at the end of the path'
 
 
@@ -146,13 +153,12 @@ def test_a_path_from_before_and_poses_that_end(make_graph):
     robot = graph.node.create_publisher(PoseArray, 'link_poses', QoSProfile(depth=1))
     graph.until(robot.get_subscription_count, 'a reader of link_poses')
     short = PoseArray(poses=[Pose()] * 3)
-    robot.publish(short)
-    graph.until(lambda: node.count('link_poses: must be the 11 links, got 3 poses'), 'a refusal')
+    refused = 'link_poses: must be the 11 links, got 3 poses'
+    graph.until(lambda: robot.publish(short) or node.count(refused), 'a refusal')
     whole = PoseArray(poses=[Pose() for _ in range(11)])
     for k, pose in enumerate(whole.poses):
         pose.position.y = 0.14 * (k - 5)  # the head to -y: it moves to +x
-    robot.publish(whole)
-    graph.until(lambda: steered, 'the robot to go')
+    graph.until(lambda: robot.publish(whole) or steered, 'the robot to go')
     assert steered[0].linear.x == pytest.approx(0.473 * 80 / 360)
     assert steered[0].angular.z == pytest.approx(0.0, abs=1e-9)
     graph.until(lambda: steered[-1] == Twist(), 'the robot to stop')

@@ -176,7 +176,8 @@ class FollowNode(Node):
         if not path.closed and place.arc > path.length - self.settings.tolerance:
             self.get_logger().info(f'at the end of the path, {place.cross_track:.3g} m beside it')
             self.guidance, self.why = None, 'at the end of the path'
-            self._stop()
+            self._publish(STOPPED)  # also a robot that goes with its gait since before
+            self.is_moving = False
             return
         self.is_moving = True
         self._publish(steering)
@@ -227,6 +228,9 @@ class FollowNode(Node):
             is_known = not (path or self.path)
         if not is_known:  # one that is latched comes twice
             self._follow(path)
+        if not path:
+            self._publish(STOPPED)
+            self.is_moving = False
 
     def _on_poses(self, message: PoseArray) -> None:
         try:

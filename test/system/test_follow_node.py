@@ -138,6 +138,11 @@ def test_an_empty_path_stops_the_robot(course):
     course.send()
     course.graph.until(lambda: course.steered[-1] == Twist(), 'the robot to stop')
     assert course.state() == 'waiting for a path'
+    # So does one that comes when there is no path: the gait may go on by itself.
+    count = len(course.steered)
+    course.send()
+    course.graph.until(lambda: len(course.steered) > count, 'another stop')
+    assert course.steered[-1] == Twist()
 
 
 def test_a_path_from_before_and_poses_that_end(make_graph):

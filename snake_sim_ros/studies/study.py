@@ -354,7 +354,8 @@ def run_study(
     Do the runs of a study that are not done, and return its table; see `study`.
 
     After an interruption or an error the rows that are done are in the file. The journal beside
-    it has all runs for it, also those of other rows.
+    it has all runs for it, also those of other rows, and those that an interruption kept out of
+    the table.
     """
     names, results = [item.name for item in given.metrics], list[Result]()
 

@@ -17,6 +17,16 @@ from snake_sim_ros.scene.chain import Joint as Joint, Link as Link, Mesh as Mesh
 from snake_sim_ros.scene.checked_records import ParameterError as ParameterError
 from snake_sim_ros.scene.following import Following as Following
 from snake_sim_ros.scene.gait import Gait as Gait, Table as Table, Wave as Wave
+from snake_sim_ros.scene.gait_library import (
+    Concertina as Concertina,
+    EelLike as EelLike,
+    LateralUndulation as LateralUndulation,
+    LinearProgression as LinearProgression,
+    Rolling as Rolling,
+    RollingHelix as RollingHelix,
+    Sidewinding as Sidewinding,
+    TurnInPlace as TurnInPlace,
+)
 from snake_sim_ros.scene.parameters import (
     Friction as Friction,
     Ground as Ground,

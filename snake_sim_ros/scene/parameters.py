@@ -13,7 +13,7 @@ units and radians; in YAML a key may end in ``_deg`` and is then converted.
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, lru_cache
 import logging
 import math
@@ -50,6 +50,7 @@ from snake_sim_ros.scene.checked_records import (
 from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping, read_text
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
+from snake_sim_ros.scene.gait_library import named_gait, NamedGait
 
 Array = NDArray[Any]
 PerLink = float | Numbers
@@ -908,13 +909,16 @@ def _values_of_urdf(source: str, folder: Path, where: str, **options: Any) -> di
 def _scene(mapping: Any, where: str, folder: Path) -> Scene:
     """Return the scene of a mapping; the file of a table is in a folder."""
     gait = mapping.get('gait') if isinstance(mapping, Mapping) else None
-    if isinstance(gait, Mapping) and gait.get('table'):
+    if isinstance(gait, Mapping) and (gait.get('table') or 'name' in gait):
         robot = from_mapping(Robot, mapping.get('robot'), f'{where}: robot')
         try:
-            table = table_from(gait['table'], folder, robot)
+            if 'name' in gait:
+                gait = named_gait(gait, robot.link_count - 1)
+            else:
+                gait = {**gait, 'table': table_from(gait['table'], folder, robot)}
         except ParameterError as error:
             raise ParameterError(f'{where}: {error}') from None
-        mapping = {**mapping, 'gait': {**gait, 'table': table}}
+        mapping = {**mapping, 'gait': gait}
     scene: Scene = from_mapping(Scene, mapping, where)
     return scene
 
@@ -940,7 +944,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     ----------
     scene : Scene
     settings : mapping
-        Dotted names to values, such as ``{'dt': 0.01}``; `gait.table` may be a file.
+        Dotted names to values, such as ``{'dt': 0.01}``; `gait.table` may be a file, `gait` a
+        `NamedGait`, and with `gait.name` all of `gait` are parameters of the gait of that name.
 
     Raises
     ------
@@ -948,6 +953,18 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         If a name is unknown or a value not usable.
 
     """
+    gait = settings.get('gait')
+    if isinstance(gait, NamedGait) or 'gait.name' in settings:
+        given = {
+            name.removeprefix('gait.'): value
+            for name, value in settings.items()
+            if name.startswith('gait.')
+        }
+        settings = {name: settings[name] for name in settings if name.partition('.')[0] != 'gait'}
+        scene = with_values(scene, settings)
+        joints = scene.robot.link_count - 1
+        made = gait.gait(joints) if isinstance(gait, NamedGait) else named_gait(given, joints)
+        return replace(scene, gait=made)
     if (source := settings.get('gait.table')) is not None:
         count = settings.get('robot.link_count')
         robot = scene.robot if count is None else Robot(link_count=int(count))

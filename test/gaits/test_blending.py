@@ -30,7 +30,8 @@ LARGEST = largest_values(ROBOT, 'yaw')
 ROUNDING = 400 * EPS
 SCENES = [
     *('hyper_redundant', 'lateral_undulation', 'lateral_undulation_isotropic', 'obstacle_aided'),
-    *('sidewinding', 'sinus_lifting', 'slender_undulation', 'step'),
+    *('sidewinding', 'sinus_lifting', 'slender_undulation', 'step', 'concertina', 'eel_like'),
+    *('linear_progression', 'rolling', 'rolling_helix', 'turn_in_place'),
 ]
 UNDULATION, SIDEWINDING, SINUS_LIFTING = (
     load_scene(name).gait for name in ('lateral_undulation', 'sidewinding', 'sinus_lifting')

@@ -191,7 +191,9 @@ class LinearProgression(NamedGait):
     """
     A wave of the pitch joints alone [T]: ``alpha_j = A sin(omega t - (j-1) delta)``.
 
-    It travels from the tail to the head, as in a caterpillar, and its crests carry links ahead.
+    It travels from the tail to the head, as in a caterpillar, and its crests carry links ahead. A
+    straight robot with round links that stands on crests tips over sooner or later. A bend gives
+    it a base, and makes it go around.
     """
 
     name: ClassVar[str] = 'linear_progression'
@@ -199,11 +201,12 @@ class LinearProgression(NamedGait):
     amplitude: float = quantity(math.radians(25), 'rad', 'amplitude A')
     angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.5, '1', 'wavelengths along the body')
+    bend: float = quantity(0.0, 'rad', 'offset of the yaw joints, which keeps it upright')
 
     def gait(self, joint_count: int) -> Gait:
-        """Return its pitch wave."""
-        lag = 2 * math.pi * self.waves / joint_count
-        return Gait(pitch=_wave(self, joint_count, phase_lag=lag), soft_start=self.soft_start)
+        """Return its pitch wave, and the bend."""
+        pitch = _wave(self, joint_count, phase_lag=-_lag(self.waves, joint_count))
+        return Gait(yaw=Wave(offset=self.bend), pitch=pitch, soft_start=self.soft_start)
 
 
 @dataclass(frozen=True, kw_only=True)

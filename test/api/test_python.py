@@ -335,6 +335,13 @@ def test_the_page_runs(tmp_path, monkeypatch):
     assert (tmp_path / 'run.png').is_file()
 
 
+@pytest.mark.parametrize('page', ['gaits', 'controllers'])
+def test_programs_on_other_pages_run(page, capsys):
+    text = (ROOT / 'docs' / f'{page}.md').read_text(encoding='utf-8')
+    for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
+        exec(compile(block, page, 'exec'), {})
+
+
 def test_the_page_names_everything_public():
     assert set(snake_sim_ros.__all__) <= set(re.findall(r'\w+', GUIDE))
 
@@ -352,6 +359,14 @@ def test_example_first_gait(monkeypatch, capsys, tmp_path):
     path = tmp_path / 'gait.png'
     text = example('first_gait', monkeypatch, capsys, '--duration', 0.5, '--out', path)
     assert re.search(r'\d m at 0\.\d+ m/s\ncost of transport \d', text)
+    assert path.read_bytes().startswith(b'\x89PNG')
+
+
+def test_example_named_gaits(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'gaits.png'
+    text = example('named_gaits', monkeypatch, capsys, '--duration', 0.5, '--out', path)
+    assert len(re.findall(r'\d m, turned by -?\d+ degrees\n', text)) == 8
     assert path.read_bytes().startswith(b'\x89PNG')
 
 

@@ -19,6 +19,7 @@ COMMANDS = {
     'chart': 'draw figures and tables from these CSV files',
     'levels': 'print the model level chosen for each scene, its step time and its error',
     'figures': "reproduce the paper's figures",
+    'published': 'measure published results on gaits and controllers again: pass or fail',
     'pacing': 'measure jitter, latency and processor load of the node sim over ROS 2',
     'fuzz': 'attack file readers, nodes and physics with random input, into a CSV file',
     'soak': 'try very long runs, slowest steps, killed nodes, full disks, into a CSV file',

@@ -356,6 +356,22 @@ def _figures(options: argparse.Namespace) -> int:
     return 0
 
 
+# ---- published ----------------------------------------------------------------------------------
+
+
+def add_published(subparsers: Any) -> None:
+    """Add the command."""
+    subparsers.add_parser('published').set_defaults(command=_published)
+
+
+def _published(options: argparse.Namespace) -> int:
+    from snake_sim_benchmarks.published import lines
+
+    for line in lines():
+        print(line, flush=True)
+    return 0
+
+
 # ---- pacing -------------------------------------------------------------------------------------
 
 

@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot from a URDF as real nodes: its names, its frames, its own joints commanded."""
 
+import re
 from xml.etree import ElementTree
 
+from graph import ROOT
 from modular import modular_robot
 import numpy as np
 import pytest
@@ -12,6 +14,8 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_msgs.msg import String
 
+from snake_sim_ros import load_scene
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.robot_description import robot_description
 
 NAMES = [f'servo_{j}' for j in range(5)]
@@ -81,6 +85,44 @@ def test_gait_commands_the_same_names(sim, urdf):
     for process in sim.graph.processes:
         assert process.stop() == 0, process.output
     sim.graph.processes.clear()
+
+
+def test_the_ros_lines_of_the_page(make_graph, tmp_path):
+    """The walk with REU: its scene in sim and gait, then a joint commanded by its own name."""
+    walk = (ROOT / 'docs/scenes.md').read_text(encoding='utf-8').partition('## Your own robot')[2]
+    blocks = re.findall(r'```(\w+)\n(.*?)```', walk, re.DOTALL)
+    (scene,) = (text for kind, text in blocks if kind == 'yaml')
+    lines = [line for kind, text in blocks if kind == 'sh' for line in text.splitlines()]
+    nodes = dict(re.findall(r'ros2 run snake_sim_ros (\w+) .*-p (scene:=\S+)', '\n'.join(lines)))
+    assert nodes == {'sim': 'scene:=my_scene.yaml', 'gait': 'scene:=my_scene.yaml'}
+    (message,) = re.findall(r'topic pub --once /joint_command sensor_msgs/JointState "(.*)"', walk)
+    (tmp_path / 'my_scene.yaml').write_text(re.sub('(?m)^   ', '', scene), encoding='utf-8')
+    reu = robot_description(load_scene('reu_sidewinding').robot)
+    (tmp_path / 'my_snake.urdf').write_text(reu, encoding='utf-8')
+
+    where = f'scene:={tmp_path / "my_scene.yaml"}'
+    client = SimClient(make_graph(), where, 'publish_rate:=50.0')
+    client.wait_until_connected()
+    gait = client.graph.start('gait', where)
+    begin = client.link_poses[-1]
+
+    def way():
+        places = [[(p.position.x, p.position.y) for p in poses.poses]
+                  for poses in (begin, client.link_poses[-1])]  # fmt: skip
+        return np.hypot(*np.subtract(*(np.mean(each, axis=0) for each in places)))
+
+    # Sidewinding makes 0.05 m/s after its soft start of 2 s.
+    client.graph.until(lambda: way() > 0.05, 'a robot that sidewinds', 20)
+    client.graph.end(gait)
+    given = parse_yaml(message)
+    client.send(dict(zip(given['name'], given['position'], strict=True)))
+
+    def reached():
+        states = client.joint_states[-1]
+        place = list(states.name).index(given['name'][0])
+        return abs(states.position[place] - given['position'][0]) < 0.05
+
+    client.graph.until(reached, 'the commanded angle', 10)
 
 
 def test_what_is_no_robot_is_refused(make_graph, tmp_path):

@@ -11,6 +11,9 @@ from snake_sim_ros.api.runs import (
 )
 from snake_sim_ros.controllers.controller import Controller as Controller, Measured as Measured
 from snake_sim_ros.controllers.following import PathFollower as PathFollower
+from snake_sim_ros.controllers.oscillators import (
+    CentralPatternGenerator as CentralPatternGenerator,
+)
 from snake_sim_ros.controllers.paths import PlanarPath as PlanarPath
 from snake_sim_ros.scene import __version__ as __version__
 from snake_sim_ros.scene.chain import Joint as Joint, Link as Link, Mesh as Mesh, Shape as Shape

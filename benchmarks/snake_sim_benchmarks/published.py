@@ -178,7 +178,7 @@ def _cascade(gain: float, lookahead: float) -> float:
 def guidance() -> Iterator[Line]:
     """Yield the distance of convergence for some lookahead distances."""
     for lookahead in (0.5, 1.0, 1.5):
-        path = Following(points=((0.0, 0.5), (-30.0, 0.5)), lookahead=lookahead)
+        path = Following(points=((0.0, 0.5), (-30.0, 0.5)), lookahead=lookahead, integral_gain=0.0)
         moved = _run('lateral_undulation', 60.0, follow=path)
         every = round(4.5 / float(moved.time[1] - moved.time[0]))  # a cycle of the gait
         x, y = (

@@ -32,7 +32,7 @@ class Following(CheckedRecord):
     )
     lookahead: float = quantity(0.5, 'm', 'lookahead distance Delta', above=0)
     integral_gain: float = quantity(
-        0.0, '1', 'gain sigma of the integral of the cross-track error (0 = none)', minimum=0
+        0.02, '1', 'gain sigma of the integral of the cross-track error (0 = none)', minimum=0
     )
     heading_gain: float = quantity(
         2.0, '1/m', 'gain k: an error of the heading decays over the distance 1/k', above=0

@@ -75,6 +75,7 @@ class PathDrawing:
         if not self.clicked or np.hypot(*(point - self.clicked[-1])) > APART:
             self.clicked.append(point)
             self._show()
+            self._tell(f'{HINT} Points: {len(self.clicked)}.')
 
     @property
     def points(self) -> Array:

@@ -59,7 +59,7 @@ class PathDrawing:
         self.page, self.controls, self.warn = controls.page, controls, node.warn
         self.closed, self.place = following.closed, place
         self.path = PlanarPath.of(following) if following else None
-        self.clicked: list[Array] = []
+        self.is_drawing, self.clicked = False, list[Array]()
         self.paths = node.create_publisher(PathMessage, 'path', LATCHED)
         # A path that is kept for late readers may have come before this node.
         node.create_subscription(PathMessage, 'path', self._on_path, QoSProfile(depth=1))
@@ -72,6 +72,8 @@ class PathDrawing:
 
     def add(self, point: Array) -> None:
         """Add a point that was clicked, (2,) [m]."""
+        if not self.is_drawing:  # it was under way meanwhile
+            return
         if not self.clicked or np.hypot(*(point - self.clicked[-1])) > APART:
             self.clicked.append(point)
             self._show()
@@ -109,10 +111,13 @@ class PathDrawing:
 
     def _begin(self, *, drawing: bool) -> None:
         """Forget the points, and listen for clicks or not."""
-        self.clicked = []
-        then = lambda point: self.controls.actions.put(partial(self.add, point))  # noqa: E731
-        self.page.pick(then if drawing else None)
+        self.is_drawing, self.clicked = drawing, []
+        self.page.pick(self._note if drawing else None)
         self._show()
+
+    def _note(self, point: Array) -> None:
+        """Queue a point that was clicked; viser calls in another thread."""
+        self.controls.actions.put(partial(self.add, point))
 
     # ---- what a person does ---------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ CAMERA = {
     'wxyz': 4, 'position': 3, 'fov': 0, 'near': 0, 'far': 0, 'image_height': 0, 'image_width': 0,
     'look_at': 3, 'up_direction': 3,
 }  # fmt: skip
-# Those of a click in the 3-D view, likewise.
+# Fields of a click in the 3-D view.
 CLICK = {'event_type', 'ray_origin', 'ray_direction', 'screen_pos', 'modifier'}
 
 

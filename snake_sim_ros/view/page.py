@@ -96,7 +96,7 @@ class Page:
         self._stage: Stage | None = None
         self._joint: Any = None
         self._charts: dict[str, Any] = {}
-        self._changed = False
+        self._changed = self._picks = False
         self._guides = NO_PATH, NO_PATH, NO_PATH
         self._drawn: dict[str, list[str]] = {}  # plot -> names of its curves
 
@@ -130,7 +130,7 @@ class Page:
         stage = self._stage
         assert stage is not None, 'build comes first'
         with self._server.atomic():
-            stage.follow = self._follow.value
+            stage.follow = self._follow.value and not self._picks
             stage.show(frame)
             stage.friction.visible = self._friction.value
             stage.points.visible = self._friction.value or self._normal.value
@@ -171,8 +171,12 @@ class Page:
             self._stage.show_guide(*self._guides)
 
     def pick(self, then: Callable[[Array], None] | None) -> None:
-        """Call a function with each point of the floor that is clicked, (2,) [m], or no more."""
-        scene = self._server.scene
+        """
+        Call a function with each point of the floor that is clicked, (2,) [m], or no more.
+
+        Meanwhile the camera stands still.
+        """
+        scene, self._picks = self._server.scene, then is not None
         scene.remove_click_callback()
 
         def note(click: Any) -> None:

@@ -93,7 +93,7 @@ class Stage:
         """Draw the path to follow, one that is drawn, and clicked points, (k, 2) [m] each."""
         self.guide.points = on_floor(guide, CLEARANCE / 2)
         self.drawn.points = on_floor(drawn, CLEARANCE / 2)
-        marks = np.column_stack([clicked, np.full(len(clicked), self.mark_size / 2)])
+        marks = np.column_stack([clicked, np.full(len(clicked), self.mark_size)])
         self.clicked.points = marks.astype(np.float32)
 
     def set_see_through(self, on: bool) -> None:

@@ -39,7 +39,9 @@ WIDE_ENOUGH = 0.85  # width over height of a window in which the first view show
 # its bottom, which would hide the robot.
 STYLE = """<style>table { table-layout: fixed; width: 100%; }
 @media (max-width: 36em) {
-  div[style*="max-height: 60%"] { max-height: 40% !important; width: 100% !important; }
+  div[style*="max-height: 60%"] {
+    max-height: 40% !important; width: 100% !important; padding-bottom: 1px;
+  }
   div[style*="max-height: 60%"] div[style*="width: 20em"] { width: 100% !important; }
 }</style>"""
 

@@ -120,11 +120,9 @@ def test_a_path_is_drawn_followed_and_cleared(page, graph):
     follow = graph.start('follow', 'scene:=sidewinding', 'use_sim_time:=true')
     paths, steered = graph.record(Path, 'path'), graph.record(Twist, 'cmd_vel')
     links = graph.record(PoseArray, 'link_poses', 1)
-    page.press('Follow')
-    page.until(lambda: 'A path needs two points or more' in page.text, 'the reason')
+    page.press_until('Follow', lambda: 'A path needs two points' in page.text, 'the reason')
     graph.until(lambda: follow.count('waiting for a path'), 'the node follow')
-    page.press('Draw a path')
-    page.until(lambda: 'Click on the floor' in page.text, 'the hint')
+    page.press_until('Draw a path', lambda: 'Click on the floor' in page.text, 'the hint')
     for k, place in enumerate([(430, 330), (400, 260)]):  # between the panels
         page.click(*place)
         page.until(lambda k=k: f'Points: {k + 1}.' in page.text, 'the point')

@@ -186,6 +186,7 @@ def test_tables_are_what_the_nodes_have(toured, name):
     absolute = ('/', '~')
     said = {(d, n if n.startswith(absolute) else f'/{n}', k) for d, n, k in said}
     if name == 'follow':
-        toured.graph.start(name).wait_for('waiting for a path')
-        toured.graph.until(lambda: len(found(toured.graph.node, name)) == len(said), name, 10.0)
+        toured.graph.start(name)
+        toured.graph.until(lambda: name in toured.graph.node.get_node_names(), name)
+        toured.graph.until(lambda: found(toured.graph.node, name) == said, 'its topics', 20.0)
     assert found(toured.graph.node, name) == said

@@ -169,12 +169,12 @@ class Controls:
                 for knob in KNOBS
             }
         for name, button in self.buttons.items():
-            self._when(button.on_click, getattr(self, f'_on_{name}'))
-        self._when(self.gait.on_update, self._on_gait)
+            self.when(button.on_click, getattr(self, f'_on_{name}'))
+        self.when(self.gait.on_update, self._on_gait)
         for knob, number in self.numbers.items():
-            self._when(number.on_update, partial(self._on_number, knob))
+            self.when(number.on_update, partial(self._on_number, knob))
 
-    def _when(self, register: Callable[[Any], Any], action: Callable[[], None]) -> None:
+    def when(self, register: Callable[[Any], Any], action: Callable[[], None]) -> None:
         """Queue an action when a person acts; the node changes numbers as well."""
 
         def note(event: Any) -> None:

@@ -34,6 +34,7 @@ from snake_sim_ros.nodes.messages import EPOCH, LATCHED, seconds_from
 from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.viewer_controls import Controls
+from snake_sim_ros.nodes.viewer_path import PathDrawing
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -56,7 +57,9 @@ class Settings(CheckedRecord):
         8080, '1', 'port of the page; 0 = any free port', minimum=0, maximum=65535
     )
     scene: str = quantity(
-        'lateral_undulation', '', 'scene whose robot is shown until a robot_description arrives'
+        'lateral_undulation',
+        '',
+        'scene: its path, and its robot until a robot_description arrives',
     )
     open_browser: bool = quantity(False, '', 'open the page in a browser')
 
@@ -96,6 +99,7 @@ class ViewerNode(Node):
         self._listen(String, 'robot_description', LATCHED, self._on_description)
         self._listen(DiagnosticArray, '/diagnostics', QoSProfile(depth=10), self._on_diagnostics)
         self.controls = Controls(self, self.page, self._begin_again)
+        self.drawing = PathDrawing(self, self.controls, scene.follow, self._place)
         announce(self.page, settings.open_browser)
 
     def update(self) -> None:
@@ -195,6 +199,10 @@ class ViewerNode(Node):
         touched = from_messages.contacts(markers.markers) if markers is not None else None
         points, forces = touched or (NO_POINTS, NO_POINTS)
         return Frame(self._time(), position, orientation, angle, torque, reference, points, forces)
+
+    def _place(self) -> Array | None:
+        """Return the center of the links, x and y [m]; None before the robot is known."""
+        return None if self.frame is None else self.frame.position[:, :2].mean(axis=0)
 
     def _poses(self, angle: Array) -> tuple[Array, Array]:
         """Return position [m] and Euler parameters of all links, shape (n, 3) and (n, 4)."""

@@ -34,6 +34,8 @@ CAMERA = {
     'wxyz': 4, 'position': 3, 'fov': 0, 'near': 0, 'far': 0, 'image_height': 0, 'image_width': 0,
     'look_at': 3, 'up_direction': 3,
 }  # fmt: skip
+# Fields of a click in the 3-D view.
+CLICK = {'event_type', 'ray_origin', 'ray_direction', 'screen_pos', 'modifier'}
 
 
 class Refused(Exception):
@@ -80,8 +82,12 @@ class BrowserMessages:
             _check_camera(fields)
         elif kind == 'GuiUpdateMessage':
             self._check_update(fields)
+        elif kind == 'ScenePointerMessage':
+            _check_click(fields)
         else:
-            raise Refused(f'its type must be that of a camera or of a control, got {quoted(kind)}')
+            raise Refused(
+                f'its type must be that of a camera, a control or a click, got {quoted(kind)}'
+            )
 
     def _check_update(self, fields: dict[Any, Any]) -> None:
         """Refuse what is not a value that a control can have."""
@@ -122,11 +128,28 @@ def _check_camera(fields: dict[Any, Any]) -> None:
     if fields.keys() != CAMERA.keys():
         raise Refused(f'a camera has the fields {", ".join(CAMERA)}; got {quoted(list(fields))}')
     for name, count in CAMERA.items():
-        value = fields[name]
-        numbers = value if count and isinstance(value, list) else [value]
-        if len(numbers) != max(count, 1) or not all(map(_is_number, numbers)):
-            what = f'{count} finite numbers' if count else 'a finite number'
-            raise Refused(f'{name} of a camera must be {what}, got {quoted(value)}')
+        _check_numbers(f'{name} of a camera', fields[name], count)
+
+
+def _check_click(fields: dict[Any, Any]) -> None:
+    """Refuse what is not a click without a key."""
+    if fields.keys() != CLICK:
+        raise Refused(f'a click has other fields, got {quoted(list(fields))}')
+    if fields['event_type'] != 'click' or fields['modifier'] is not None:
+        raise Refused('only clicks without a key are heeded')
+    for name in ('ray_origin', 'ray_direction'):
+        _check_numbers(f'{name} of a click', fields[name], 3)
+    places = fields['screen_pos']
+    place = places[0] if isinstance(places, list) and len(places) == 1 else None
+    _check_numbers('screen_pos of a click', place, 2)
+
+
+def _check_numbers(what: str, value: Any, count: int) -> None:
+    """Refuse what is not a list of some finite numbers, or a single one if the count is 0."""
+    numbers = value if count and isinstance(value, list) else [value]
+    if len(numbers) != max(count, 1) or not all(map(_is_number, numbers)):
+        wanted = f'{count} finite numbers' if count else 'a finite number'
+        raise Refused(f'{what} must be {wanted}, got {quoted(value)}')
 
 
 def _is_number(value: Any) -> bool:

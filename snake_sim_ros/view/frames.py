@@ -14,6 +14,7 @@ from typing import Any
 from warnings import warn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from snake_sim_ros.scene.chain import Capsules, Mesh, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import cut, LONGEST_PATH, LONGEST_REASON
@@ -28,6 +29,7 @@ PATH_LENGTH = 2000  # points
 WEIGHT_ARROW = 3.0  # weight of the robot as an arrow, in lengths of the robot
 UPWARD_SCALE = 0.2  # of vertical forces, which are larger by one over the friction coefficient
 AXES = 'yaw', 'pitch'
+FARTHEST = 100.0  # m, from the eye to a point of the floor that is picked
 SEGMENTS, RINGS = 24, 6  # of a capsule: around it, and of each of its ends
 
 
@@ -203,6 +205,22 @@ def arrows(points: Array, forces: Array, scale: float) -> tuple[Array, Array]:
     along, upward = scale * forces, UPWARD_SCALE * scale * forces
     along[:, 2] = upward[:, :2] = 0.0
     return np.stack([points, points + along], axis=1), np.stack([points, points + upward], axis=1)
+
+
+def floor_point(eye: ArrayLike, direction: ArrayLike) -> Array | None:
+    """
+    Return where a ray from an eye meets the floor, x and y [m, frame I].
+
+    None if it does not, as a ray that is parallel to the floor or leads away from it, or if that
+    is farther than FARTHEST.
+    """
+    x, y, z = map(float, np.asarray(eye))
+    along, across, upward = map(float, np.asarray(direction))
+    if not z * upward < 0.0:
+        return None
+    reach = -z / upward
+    distance = reach * math.hypot(along, across, upward)
+    return np.array([x + reach * along, y + reach * across]) if distance <= FARTHEST else None
 
 
 def seen_meshes(robot: Robot) -> list[tuple[Array, Array, Array]]:

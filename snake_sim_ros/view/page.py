@@ -22,7 +22,7 @@ import numpy as np
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.view.browser_guard import BrowserMessages, own_pages_only, wake_from_any_thread
-from snake_sim_ros.view.frames import at_rest, curves, Frame, Trace, UPWARD_SCALE
+from snake_sim_ros.view.frames import at_rest, curves, floor_point, Frame, Trace, UPWARD_SCALE
 from snake_sim_ros.view.stage import Stage
 
 SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest between two updates
@@ -33,12 +33,15 @@ COMMANDED_COLORS = ('#cc79a7', '#009e73')  # of the same two angles as commanded
 ALL_JOINTS = {'yaw of all joints': -1, 'pitch of all joints': -2}
 PLOT_TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
 LEGEND_LIMIT = 10  # curves
+NO_PATH = np.zeros((0, 2))
 WIDE_ENOUGH = 0.85  # width over height of a window in which the first view shows the whole robot
 # Columns stay where they are when texts change. Where the window is narrow, viser has one sheet at
 # its bottom, which would hide the robot.
 STYLE = """<style>table { table-layout: fixed; width: 100%; }
 @media (max-width: 36em) {
-  div[style*="max-height: 60%"] { max-height: 40% !important; width: 100% !important; }
+  div[style*="max-height: 60%"] {
+    max-height: 40% !important; width: 100% !important; padding-bottom: 1px;
+  }
   div[style*="max-height: 60%"] div[style*="width: 20em"] { width: 100% !important; }
 }</style>"""
 
@@ -95,7 +98,8 @@ class Page:
         self._stage: Stage | None = None
         self._joint: Any = None
         self._charts: dict[str, Any] = {}
-        self._changed = False
+        self._changed = self._picks = False
+        self._guides = NO_PATH, NO_PATH, NO_PATH
         self._drawn: dict[str, list[str]] = {}  # plot -> names of its curves
 
     @property
@@ -121,13 +125,14 @@ class Page:
             self._set_camera(scene)
             self._choose_joints(scene)
             self._stage.show(at_rest(scene.robot))
+            self._stage.show_guide(*self._guides)
 
     def show(self, frame: Frame) -> None:
         """Show a frame."""
         stage = self._stage
         assert stage is not None, 'build comes first'
         with self._server.atomic():
-            stage.follow = self._follow.value
+            stage.follow = self._follow.value and not self._picks
             stage.show(frame)
             stage.friction.visible = self._friction.value
             stage.points.visible = self._friction.value or self._normal.value
@@ -160,6 +165,32 @@ class Page:
                 elif values:
                     self._charts[what].data = (time, *values.values())
 
+    def show_guide(self, guide: Array, drawn: Array, clicked: Array) -> None:
+        """Draw the path to follow, one that is drawn, and clicked points, (k, 2) [m] each."""
+        assert self._stage is not None, 'build comes first'
+        self._guides = guide, drawn, clicked
+        with self._server.atomic():
+            self._stage.show_guide(*self._guides)
+
+    def pick(self, then: Callable[[Array], None] | None) -> None:
+        """
+        Call a function with each point of the floor that is clicked, (2,) [m], or no more.
+
+        Meanwhile the camera stands still.
+        """
+        scene, self._picks = self._server.scene, then is not None
+        scene.remove_click_callback()
+
+        def note(click: Any) -> None:
+            assert self._stage is not None and then is not None
+            eye = np.subtract(click.ray_origin, self._stage.root.position)
+            point = floor_point(eye, click.ray_direction)
+            if point is not None:
+                then(point)
+
+        if then is not None:
+            scene.on_click()(note)
+
     def say(self, title: str, sentence: str) -> None:
         """Show a message on top of the page for some seconds."""
         for client in self._server.get_clients().values():
@@ -172,10 +203,10 @@ class Page:
 
     def _add_switches(self) -> None:
         with self.gui.add_folder('View'):
-            self._follow = self.gui.add_checkbox('follow', True)
+            self._follow = self.gui.add_checkbox('camera follows', True)
             self._friction = self.gui.add_checkbox('friction', True)
             self._normal = self.gui.add_checkbox('normal forces', False)
-            self._path = self.gui.add_checkbox('path', True)
+            self._path = self.gui.add_checkbox('trail', True)
             self._see_through = self.gui.add_checkbox('see-through', False)
         switches = self._follow, self._friction, self._normal, self._path, self._see_through
         for switch in switches:

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The 3-D part of the viewer: floor, obstacles, robot, contacts and path of one scene."""
+"""The 3-D part of the viewer: floor, obstacles, robot, contacts and paths of one scene."""
 
 from typing import Any
 
@@ -23,9 +23,10 @@ from snake_sim_ros.view.frames import (
 
 # Of Okabe and Ito, as in `charts`; red, green and blue.
 FRICTION, NORMAL, PATH, POINT = (213, 94, 0), (86, 180, 233), (0, 114, 178), (0, 158, 115)
+GUIDE, DRAWN = (204, 121, 167), (230, 159, 0)
 FLOOR, LINES, PEG, GROUND = (246, 247, 249), (205, 209, 214), (89, 115, 166), (176, 178, 184)
 FLOOR_SIZE = 60.0  # m
-CLEARANCE = 2e-3  # m, between the floor and the path on it
+CLEARANCE = 2e-3  # m, between the floor and a path on it
 PATH_RADIUS = 0.08  # of lines and arrows, in contact radii
 SEE_THROUGH = 0.35  # opacity
 
@@ -58,6 +59,12 @@ class Stage:
         self.friction = canvas.add_arrows('/world/friction', none, linear(FRICTION), **thick)
         self.normal = canvas.add_arrows('/world/normal', none, linear(NORMAL), **thin)
         self.path = canvas.add_line_segments('/world/path', none, PATH, thickness=2 * width)
+        thick_line = {'thickness': 4 * width}
+        self.guide = canvas.add_line_segments('/world/guide', none, GUIDE, **thick_line)
+        self.drawn = canvas.add_line_segments('/world/drawn', none, DRAWN, **thick_line)
+        self.mark_size = 8 * width
+        marks = {'point_size': self.mark_size, 'point_shape': 'circle'}
+        self.clicked = canvas.add_point_cloud('/world/clicked', np.zeros((0, 3)), DRAWN, **marks)
         self.points = canvas.add_point_cloud(
             '/world/contacts', np.zeros((0, 3)), POINT, point_size=3 * width, point_shape='circle'
         )
@@ -80,8 +87,14 @@ class Stage:
 
     def show_path(self, path: Array) -> None:
         """Draw a path of shape (k, 3) [m] on the floor below it."""
-        flat = path * [1.0, 1.0, 0.0] + [0.0, 0.0, CLEARANCE]
-        self.path.points = np.stack([flat[:-1], flat[1:]], axis=1).astype(np.float32)
+        self.path.points = on_floor(path, CLEARANCE)
+
+    def show_guide(self, guide: Array, drawn: Array, clicked: Array) -> None:
+        """Draw the path to follow, one that is drawn, and clicked points, (k, 2) [m] each."""
+        self.guide.points = on_floor(guide, CLEARANCE / 2)
+        self.drawn.points = on_floor(drawn, CLEARANCE / 2)
+        marks = np.column_stack([clicked, np.full(len(clicked), self.mark_size)])
+        self.clicked.points = marks.astype(np.float32)
 
     def set_see_through(self, on: bool) -> None:
         """Make the links transparent or not, since they hide the contacts below them."""
@@ -168,6 +181,12 @@ class Stage:
                 lod='off',
             )
             self.links.append((links, is_mesh, mesh))
+
+
+def on_floor(path: Array, height: float) -> Array:
+    """Return the pieces of a path (k, 2) or (k, 3) at a height above the floor, (k - 1, 2, 3)."""
+    flat = np.column_stack([path[:, :2], np.full(len(path), height)])
+    return np.stack([flat[:-1], flat[1:]], axis=1).astype(np.float32)
 
 
 def linear(color: ArrayLike) -> Array:

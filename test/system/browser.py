@@ -120,6 +120,11 @@ class Browser:
         self.until(lambda: self.run(f'({button})?.disabled === false'), f'the button {name}')
         self.run(f'{button}.click()')
 
+    def click(self, x: int, y: int) -> None:
+        """Click at a place of the window [pixels]."""
+        for kind in ('mousePressed', 'mouseReleased'):
+            self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+
     def press_until(self, name: str, condition: Any, what: str) -> None:
         """Press a button, again and again, until a condition; a page drawn anew loses clicks."""
         pressed = -math.inf

@@ -195,7 +195,7 @@ def test_stamp_of_the_wall_clock_means_now(running):
     )
 
 
-@pytest.mark.parametrize('node', ['sim', 'gait', 'viewer'])
+@pytest.mark.parametrize('node', ['sim', 'gait', 'follow', 'viewer'])
 def test_parameter_that_there_is_not_is_named(running, node):
     graph = running.graph
     if node == 'viewer':

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from test_graph_commands import started as command
 
 from snake_sim_ros import ParameterError
-from snake_sim_ros.nodes import gait_node, sim_node, viewer_node
+from snake_sim_ros.nodes import follow_node, gait_node, sim_node, viewer_node
 from snake_sim_ros.nodes.graph import parameter_file
 from snake_sim_ros.nodes.node_parameters import settle
 from snake_sim_ros.nodes.node_process import made
@@ -21,6 +21,11 @@ OF_SIM = {'kind': sim_node.Settings, 'complete': as_it_runs}
 NODES = {
     'sim': OF_SIM,
     'gait': {'kind': gait_node.Settings, 'of_scene': gait_node.OF_SCENE},
+    'follow': {
+        'kind': follow_node.Settings,
+        'of_scene': ('follow.',),
+        'changeable': follow_node.GAINS,
+    },
     'viewer': {'kind': viewer_node.Settings, 'of_scene': ()},
 }
 
@@ -54,6 +59,7 @@ CASES = (
         'start.yaw:=[0.1, 0.2, 0.1, 0.2, 0.1, 0.2, 0.1, 0.2, 0.1, 0.2]', 'imu_links:=[1, 11]',
     )),
     ('gait', 'sidewinding'),
+    ('follow', 'sidewinding', '-p', 'follow.center:=[0.0, -1.5]'),
     ('viewer', 'sidewinding'),
 )  # fmt: skip
 

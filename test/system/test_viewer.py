@@ -8,7 +8,10 @@ import socket
 import sys
 
 from browser import Browser
+from geometry_msgs.msg import PoseArray, Twist
 from graph import next_domain, node_command, Process
+from nav_msgs.msg import Path
+import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -111,6 +114,29 @@ def test_robot_and_plots_are_seen_in_a_narrow_window(page):
     finally:
         page.resize(*SIZE)
     page.until(lambda: not page.run(f'!!({sheet})'), 'two panels again')
+
+
+def test_a_path_is_drawn_followed_and_cleared(page, graph):
+    follow = graph.start('follow', 'scene:=sidewinding', 'use_sim_time:=true')
+    paths, steered = graph.record(Path, 'path'), graph.record(Twist, 'cmd_vel')
+    links = graph.record(PoseArray, 'link_poses', 1)
+    page.press_until('Follow', lambda: 'A path needs two points' in page.text, 'the reason')
+    graph.until(lambda: follow.count('waiting for a path'), 'the node follow')
+    page.press_until('Draw a path', lambda: 'Click on the floor' in page.text, 'the hint')
+    for k, place in enumerate([(430, 330), (400, 260)]):  # between the panels
+        page.click(*place)
+        page.until(lambda k=k: f'Points: {k + 1}.' in page.text, 'the point')
+    assert not paths and not steered  # a robot that is watched keeps its gait
+    page.press('Follow')
+    graph.until(lambda: paths, 'the path')
+    points = np.array([(at.pose.position.x, at.pose.position.y) for at in paths[0].poses])
+    robot = np.mean([(at.position.x, at.position.y) for at in links[-1].poses], axis=0)
+    assert np.hypot(*(points[0] - robot)) < 0.5  # it has gone on
+    assert len(points) == 3 and np.hypot(*(points - points[0]).T).max() < 10.0
+    graph.until(lambda: any(each.linear.x > 0.0 for each in steered), 'the robot to be led')
+    page.press('Clear')
+    graph.until(lambda: not paths[-1].poses, 'an empty path')
+    graph.until(lambda: steered[-1] == Twist(), 'the robot to stop')
 
 
 def test_buttons_act_on_the_simulation(page, graph):

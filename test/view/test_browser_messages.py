@@ -19,13 +19,24 @@ import numpy as np
 import viser
 from websockets.sync.client import connect
 
-from snake_sim_ros.view.browser_guard import BrowserMessages, CAMERA, LONGEST_MESSAGE, WakeUp
+from snake_sim_ros import Scene
+from snake_sim_ros.view.browser_guard import (
+    BrowserMessages,
+    CAMERA,
+    CLICK,
+    LONGEST_MESSAGE,
+    WakeUp,
+)
 from snake_sim_ros.view.page import Page
 from snake_sim_ros.view.playback import Player
 
 GOOD_CAMERA = {'type': 'ViewerCameraMessage'} | {
     name: [1.0] * count if count else 1 for name, count in CAMERA.items()
 }
+GOOD_CLICK = {
+    'type': 'ScenePointerMessage', 'event_type': 'click', 'ray_origin': [0.5, 0.0, 2.0],
+    'ray_direction': [0.0, 1.0, -1.0], 'screen_pos': [[0.5, 0.5]], 'modifier': None,
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -104,6 +115,44 @@ def test_no_other_field_of_a_control_is_set(player, browser):
     assert player.speed.value == '2'
 
 
+def test_clicks_on_the_floor_are_points_while_they_are_asked_for(page, player, browser):
+    points = []
+    page.build(Scene())
+    page._stage.root.position = (-1.0, 0.0, 0.0)  # the camera follows a robot at x = 1 m
+    assert heeded(browser, player, GOOD_CAMERA, GOOD_CLICK)
+    page.pick(points.append)
+    away = GOOD_CLICK | {'ray_direction': [0.0, 1.0, 1.0]}
+    assert heeded(browser, player, away, GOOD_CLICK)
+    end = time.monotonic() + 1.0
+    while not points and time.monotonic() < end:
+        time.sleep(0.01)
+    page.pick(None)
+    assert heeded(browser, player, GOOD_CLICK)
+    time.sleep(0.1)
+    np.testing.assert_array_equal(points, [[1.5, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'ray_origin': [0.0, 0.0]}, 'ray_origin of a click must be 3 finite numbers'),
+        ({'ray_direction': [0.0, float('inf'), 1.0]}, 'ray_direction of a click must be 3 finite'),
+        ({'ray_origin': None}, 'ray_origin of a click must be 3 finite numbers, got None'),
+        ({'screen_pos': [0.5, 0.5]}, 'screen_pos of a click must be 2 finite numbers'),
+        ({'event_type': 'rect-select'}, 'only clicks without a key'),
+        ({'modifier': 'shift'}, 'only clicks without a key'),
+        ({'more': 1}, 'a click has other fields'),
+    ],
+)
+def test_other_clicks_are_ignored_with_a_reason(changes, said, page, player, browser, capfd):
+    points = []
+    page.build(Scene())
+    page.pick(points.append)
+    assert heeded(browser, player, GOOD_CLICK | changes)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert said in line and not points
+
+
 @pytest.mark.parametrize('kind', ['ShareUrlRequest', 'ShareUrlDisconnect'])
 def test_no_tunnel_is_opened(kind, page, player, browser, monkeypatch):
     asked = []
@@ -147,8 +196,8 @@ FIELDS = st.recursive(
     lambda inner: st.lists(inner) | st.dictionaries(st.text() | st.integers(0, 9), inner),
     max_leaves=10,
 )
-KEYS = st.sampled_from(['type', 'uuid', 'updates', *CAMERA])
-KINDS = st.sampled_from(['ViewerCameraMessage', 'GuiUpdateMessage'])
+KEYS = st.sampled_from(['type', 'uuid', 'updates', *CAMERA, *sorted(CLICK)])
+KINDS = st.sampled_from(['ViewerCameraMessage', 'GuiUpdateMessage', 'ScenePointerMessage'])
 
 
 @settings(max_examples=500, deadline=None)

@@ -19,6 +19,8 @@ from snake_sim_ros.view.frames import (
     at_rest,
     capsule,
     curves,
+    FARTHEST,
+    floor_point,
     force_scale,
     placed,
     PLOTTED_TIME,
@@ -49,6 +51,28 @@ def test_posture_of_joint_angles_is_where_odometry_says():
     np.testing.assert_allclose(found[:, :3], q[:, :3], atol=1e-13)
     R = rotation_matrices(found[:, 3:])
     np.testing.assert_allclose(R, rotation_matrices(q[:, 3:]), atol=1e-13)
+
+
+def test_a_ray_meets_the_floor():
+    eye, place = np.array([1.0, -2.0, 3.0]), np.array([4.0, 2.0, 0.0])
+    for length in (1e-3, 1.0, 20.0):
+        np.testing.assert_allclose(floor_point(eye, length * (place - eye)), place[:2], rtol=1e-15)
+    np.testing.assert_array_equal(floor_point(eye, [0.0, 0.0, -1.0]), eye[:2])
+
+
+@pytest.mark.parametrize(
+    'ray',
+    [
+        ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]),  # parallel
+        ([0.0, 0.0, 1.0], [1.0, 0.0, 0.1]),  # the floor is behind the eye
+        ([0.0, 0.0, 0.0], [1.0, 0.0, -1.0]),
+        ([0.0, 0.0, 1.0], [1.0, 0.0, -0.99 / FARTHEST]),  # too far away
+        ([0.0, 0.0, 1.0], [1.0, 0.0, -5e-324]),
+        ([0.0, 0.0, 1.0], [0.0, 0.0, 0.0]),
+    ],
+)
+def test_a_ray_that_misses_the_floor_is_no_point(ray):
+    assert floor_point(*ray) is None
 
 
 def test_posture_without_odometry_is_on_the_floor_along_x():

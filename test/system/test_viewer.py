@@ -8,7 +8,7 @@ import socket
 import sys
 
 from browser import Browser
-from graph import next_domain, node_command, Process
+from programs import next_domain, node_command, Process
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter

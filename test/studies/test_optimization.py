@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'optimization.md').read_text(encoding='utf-8')
 EXAMPLE = ROOT / 'examples' / 'faster_sidewinding.yaml'
 # A scene of one sample; what is measured in it are functions of its friction, see `valley`.
-SHORT = {'duration': 0.05, 'robot.link_count': 2}
+SHORT = {'duration': 0.05, 'dt': 0.001, 'robot.link_count': 2}
 X, Y = 'friction.longitudinal', 'friction.transversal'
 UNIT = {X: {'low': 0.0, 'high': 1.0}, Y: {'low': 0.0, 'high': 1.0}}
 # The same as a file, which a process of its own runs.

@@ -19,6 +19,7 @@ import pytest
 connect = pytest.importorskip('websockets.sync.client').connect
 
 TIMEOUT = 120.0  # s; Chromium draws in software, beside other tests
+SCALE = 0.5  # pixels that are drawn for one of the window, along each side
 AGAIN = 5.0  # s after which a click that had no effect is lost
 FLAGS = (
     *('--headless=new', '--no-sandbox', '--no-first-run', '--disable-background-networking'),
@@ -68,7 +69,7 @@ class Browser:
             'Emulation.setDeviceMetricsOverride',
             width=width,
             height=height,
-            deviceScaleFactor=1,
+            deviceScaleFactor=SCALE,
             mobile=False,
         )
 

@@ -6,7 +6,9 @@ from importlib.metadata import version
 import os
 from pathlib import Path
 
-from graph import Graph, next_domain
+from forks import start_server
+from graph import Graph
+from programs import next_domain
 import pytest
 import rclpy
 
@@ -32,9 +34,10 @@ def environment(tmp_path_factory):
 
 @pytest.fixture(scope='session', autouse=True)
 def compiled(environment):
-    """Compile the physics into the cache on disk, so that no node has to."""
+    """Compile the physics into the cache on disk and load it, so that no node has to."""
     compile_sampling(Scene())
     Simulation(Scene()).compile()
+    start_server()
 
 
 @pytest.fixture

@@ -3,29 +3,44 @@
 """
 Processes that are forked from one which has all modules loaded already.
 
-A command of snake-sim imports modules for most of its time. Where its work is tested and not its
-start, it runs in a process that is forked from a server of `multiprocessing`, which does nothing
-else, so that it has neither threads nor a middleware.
+A command of snake-sim imports modules for most of its time, and a node for two seconds. Where
+their work is tested and not their start, they run in processes that are forked from a server of
+`multiprocessing`, which does nothing else, so that it has neither threads nor a middleware.
 """
 
 from collections.abc import Callable
 import multiprocessing
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 import os
+from pathlib import Path
 import signal
 import subprocess
+import sys
 import threading
 from typing import Any
 
-from graph import environment, Process
+from programs import environment, Process, ROOT
+import pytest
 
 SERVER = multiprocessing.get_context('forkserver')
 SERVER.set_forkserver_preload(
     [
-        'snake_sim_ros.commands.main', 'snake_sim_ros.nodes.graph', 'geometry_msgs.msg',
-        'nav_msgs.msg', 'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv', 'pytest',
+        'snake_sim_ros.commands.main', 'snake_sim_ros.nodes.graph',
+        *(f'snake_sim_ros.nodes.{name}_node' for name in ('sim', 'gait', 'follow', 'viewer')),
+        'geometry_msgs.msg', 'nav_msgs.msg', 'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv',
+        'viser', 'pytest', 'loaded_physics',
     ]
 )  # fmt: skip
+
+
+def start_server() -> None:
+    """Start the server, once all that it loads is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        # A server imports with the path of a new interpreter.
+        folder, path = str(Path(__file__).parent), os.environ.get('PYTHONPATH')
+        patch.setenv('PYTHONPATH', os.pathsep.join(filter(None, [folder, str(ROOT), path])))
+        forkserver.ensure_running()
 
 
 class Forked(Process):
@@ -75,6 +90,8 @@ def _call(
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()
+    sys.stdout.reconfigure(line_buffering=True)
+    os.chdir(ROOT)
     os.environ.clear()
     os.environ.update(variables)
     raise SystemExit(act(*arguments))
@@ -90,3 +107,18 @@ def run_command(*words: str) -> int:
 def command(words: list[str], domain: int) -> Forked:
     """Start a command of snake-sim."""
     return Forked(run_command, *words, domain=domain)
+
+
+def run_node(name: str, *arguments: str) -> int:
+    """Return the exit status of a node that does not end by itself."""
+    from snake_sim_ros.nodes import __main__ as programs  # in this process only
+
+    sys.argv = [name, *arguments]
+    status: int = getattr(programs, name)()
+    return status
+
+
+def node(name: str, *arguments: str, domain: int) -> Forked:
+    """Start a node with ROS arguments."""
+    words = ['--ros-args', *arguments] if arguments else []
+    return Forked(run_node, name, *words, domain=domain)

@@ -3,16 +3,15 @@
 """Input that is not usable: the nodes report it in one sentence and keep working."""
 
 from array import array
-import json
 import math
 import re
 import signal
-import sys
 
 from builtin_interfaces.msg import Time
-from graph import Process
+from forks import Forked
 import numpy as np
 from offline import held_then_commanded, largest_difference, NAMES, nanoseconds, Offline, PERIOD
+from programs import next_domain, node_command, Process
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -20,6 +19,7 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
+from snake_sim_ros.nodes import follow_node, gait_node, sim_node
 from snake_sim_ros.scene.parameters import load_scene
 
 GOOD = {name: 0.2 if name.endswith('yaw') else 0.0 for name in NAMES}
@@ -337,19 +337,16 @@ BAD_STARTS = {
 }
 
 
-# Starts nodes one after the other, as their launchers do; none of them gets to run.
-STARTS = """
-import json
-import sys
-from snake_sim_ros.nodes import follow_node, gait_node, sim_node
-for name, arguments in json.loads(sys.argv[1]):
-    main = {'sim': sim_node, 'gait': gait_node, 'follow': follow_node}[name].main
-    print('ended with', main([name, '--ros-args', *arguments]), flush=True)
-"""
+def start_all(cases):
+    """Start nodes one after the other, as their launchers do; none of them gets to run."""
+    for name, arguments in cases:
+        main = {'sim': sim_node, 'gait': gait_node, 'follow': follow_node}[name].main
+        print('ended with', main([name, '--ros-args', *arguments]), flush=True)
+    return 0
 
 
 @pytest.fixture(scope='module')
-def bad_starts(make_graph, tmp_path_factory):
+def bad_starts(tmp_path_factory):
     """What every bad start prints, and its exit status."""
     folder = tmp_path_factory.mktemp('scenes')
     (folder / 'misspelt.yaml').write_text(SCENE_WITH_MISSPELT_KEY)
@@ -357,7 +354,7 @@ def bad_starts(make_graph, tmp_path_factory):
         (node, [part for item in parameters for part in ('-p', item.format(folder=folder))])
         for node, parameters, _ in BAD_STARTS.values()
     ]
-    process = Process([sys.executable, '-c', STARTS, json.dumps(cases)], make_graph().domain)
+    process = Forked(start_all, cases, domain=next_domain())
     assert process.wait(60) == 0, process.output
     outputs = re.findall(r'(.*?)^ended with (\d)$', process.output, re.DOTALL | re.MULTILINE)
     return dict(zip(BAD_STARTS, outputs, strict=True))
@@ -372,8 +369,8 @@ def test_bad_parameters_end_the_start_with_one_sentence(bad_starts, title):
     assert sentence in line
 
 
-def test_bad_parameter_is_the_exit_status_of_a_node(make_graph):
-    process = make_graph().start('sim', 'dt:=0.0003')
+def test_bad_parameter_is_the_exit_status_of_a_node():
+    process = Process(node_command('sim', '-p', 'dt:=0.0003'), next_domain())
     assert process.wait(60) == 2, process.output
     assert process.lines == [
         'error: dt must divide the publish period: got dt=0.0003 s, period=0.005 s'

@@ -11,7 +11,8 @@ import sys
 import time
 from types import SimpleNamespace
 
-from graph import next_domain, Process, ROOT
+from forks import command
+from programs import next_domain, Process, ROOT
 import pytest
 from tqdm import tqdm
 
@@ -22,12 +23,6 @@ PNG = b'\x89PNG\r\n\x1a\n'
 RUNNING = 't = '  # of the progress line
 
 
-def start(*arguments):
-    return Process(
-        [sys.executable, '-m', 'snake_sim_ros.commands', 'demo', *arguments], next_domain()
-    )
-
-
 def end(process):
     """End a demonstration and its nodes by force."""
     process.kill()
@@ -36,20 +31,19 @@ def end(process):
             os.kill(pid, signal.SIGKILL)
 
 
-@pytest.fixture(scope='module')
-def endless(compiled, tmp_path_factory):
-    """Demonstrations that last longer than any test waits, started together."""
-    folder = tmp_path_factory.mktemp('demo')
-    processes = {
-        name: start(scene, '--duration', '100', '--out', str(folder / f'{name}.png'))
-        for name, scene in (
-            ('interrupted', 'lateral_undulation'),
-            ('impatient', 'lateral_undulation'),
-            ('broken', 'sidewinding'),
-        )
-    }
-    yield processes
-    for process in processes.values():
+@pytest.fixture
+def endless(compiled, tmp_path):
+    """Return a function that starts a demonstration which lasts longer than any test waits."""
+    processes = []
+
+    def start(scene):
+        options = ['--duration', '100', '--out', str(tmp_path / 'endless.png')]
+        processes.append(command(['demo', scene, *options], next_domain()))
+        processes[-1].wait_for(RUNNING, 60)
+        return processes[-1]
+
+    yield start
+    for process in processes:
         end(process)
 
 
@@ -124,8 +118,7 @@ def test_bar_says_that_the_gait_waits_for_the_compiler():
 
 
 def test_interruption_ends_everything(endless):
-    process = endless['interrupted']
-    process.wait_for(RUNNING, 60)
+    process = endless('lateral_undulation')
     assert process.stop(signal.SIGINT) == 130, process.output
     assert 'Traceback' not in process.output
     assert 'interrupted' in process.lines
@@ -133,8 +126,7 @@ def test_interruption_ends_everything(endless):
 
 
 def test_second_interruption_leaves_no_orphans(endless):
-    process = endless['impatient']
-    process.wait_for(RUNNING, 60)
+    process = endless('lateral_undulation')
     process.popen.send_signal(signal.SIGINT)
     time.sleep(0.05)  # while it waits for its nodes to end
     assert process.stop(signal.SIGINT) in (1, 130), process.output
@@ -142,8 +134,7 @@ def test_second_interruption_leaves_no_orphans(endless):
 
 
 def test_death_of_a_node_is_told_in_one_sentence(endless):
-    process = endless['broken']
-    process.wait_for(RUNNING, 60)
+    process = endless('sidewinding')
     os.kill(nodes_of(process)['gait'], signal.SIGKILL)
     assert process.wait() == 1, process.output
     assert 'Traceback' not in process.output

@@ -57,7 +57,7 @@ def start(tmp_path, monkeypatch):
                 path.unlink()
         monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
         monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-        graphs.append(Graph())
+        graphs.append(Graph(is_forked=False))
         return SimClient(graphs[-1], *parameters)
 
     yield make

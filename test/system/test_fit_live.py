@@ -6,7 +6,7 @@ import json
 import signal
 import sys
 
-from graph import background, Process
+from programs import background, Process
 import pytest
 from sensor_msgs.msg import JointState
 

@@ -14,7 +14,7 @@ import time
 
 from forks import command, Forked, run_command
 from geometry_msgs.msg import Twist
-from graph import background, Process
+from programs import background, Process
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy

@@ -3,17 +3,20 @@
 """What a sim node says of the graph around it and of the commands it gets, to real publishers."""
 
 import math
-import sys
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph import Process
+from forks import Forked
 import numpy as np
 from offline import HORIZON
 import pytest
 from rcl_interfaces.srv import SetParameters
+import rclpy
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from sim_client import connected, SimClient, with_twin
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -22,27 +25,26 @@ from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.received_commands import joint_trajectory
 from snake_sim_ros.scene.parameters import load_scene
 
+RATE = 'publish_rate:=50.0'  # few messages of the robots that run
 NAMES = list(Robot().axis_names)
 SCENE = load_scene('lateral_undulation')
-# Publishes a command for joint 1 until it is killed, 50 times a second.
-TALKER = """
-import sys, time, rclpy
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-rclpy.init()
-publisher = Node(sys.argv[1]).create_publisher(JointState, 'joint_command', 1)
-while True:
-    publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
-    if publisher.get_subscription_count():
-        print('heard', flush=True)
-    time.sleep(0.02)
-"""
+
+
+def talk(name):
+    """Publish a command for joint 1 until this process is killed, 50 times a second."""
+    rclpy.init()
+    publisher = Node(name).create_publisher(JointState, 'joint_command', 1)
+    while True:
+        publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
+        if publisher.get_subscription_count():
+            print('heard', flush=True)
+        time.sleep(0.02)
 
 
 @pytest.fixture(scope='module')
 def sims(make_graph):
     """A sim that runs, and one in lock-step."""
-    return connected(SimClient(make_graph()), SimClient(make_graph(), 'start_paused:=true'))
+    return connected(SimClient(make_graph(), RATE), SimClient(make_graph(), 'start_paused:=true'))
 
 
 @pytest.fixture(scope='module')
@@ -84,7 +86,7 @@ def talker(running):
     processes = []
 
     def start(name):
-        processes.append(Process([sys.executable, '-c', TALKER, name], running.graph.domain))
+        processes.append(Forked(talk, name, domain=running.graph.domain))
         processes[-1].wait_for('heard')
         return processes[-1]
 
@@ -156,9 +158,9 @@ def test_publishers_that_were_killed_are_not_rivals(running, refused, talker):
 
 
 def test_two_clocks_are_told(make_graph):
-    sims = [SimClient(make_graph(), '-r __ns:=/one', namespace='one')]
+    sims = [SimClient(make_graph(), '-r __ns:=/one', RATE, namespace='one')]
     sims[0].wait_until_connected()
-    other = sims[0].graph.start('sim', '-r __ns:=/two')
+    other = sims[0].graph.start('sim', '-r __ns:=/two', RATE)
     said = '/clock has 2 publishers, /one/sim, /two/sim: start all sims but one with publish_clock'
     for process in (sims[0].process, other):
         sims[0].graph.until(lambda process=process: process.count(said), said)

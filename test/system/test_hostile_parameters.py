@@ -3,7 +3,7 @@
 """Hostile parameters and their files: a node refuses them in one sentence, and stays."""
 
 from geometry_msgs.msg import Twist, Vector3
-from graph import node_command, Process
+from programs import node_command, Process
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters

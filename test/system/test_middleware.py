@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from graph import environment, next_domain
+from programs import environment, next_domain
 import pytest
 
 from snake_sim_ros.nodes.node_process import keep_no_buffers, NO_BUFFERS, OF_USER, USE_PROFILES

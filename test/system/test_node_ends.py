@@ -7,7 +7,7 @@ import signal
 import time
 
 from forks import Forked
-from graph import next_domain
+from programs import next_domain
 import rclpy
 from rclpy.node import Node
 

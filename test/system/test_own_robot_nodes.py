@@ -5,9 +5,9 @@
 import re
 from xml.etree import ElementTree
 
-from graph import ROOT
 from modular import modular_robot
 import numpy as np
+from programs import ROOT
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 
-from graph import next_domain
+from programs import next_domain
 import pytest
 from test_tour import LINES as TOUR
 

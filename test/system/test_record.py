@@ -9,9 +9,9 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph import background, next_domain, Process, TIMEOUT
 import numpy as np
 from offline import nanoseconds
+from programs import background, next_domain, Process, TIMEOUT
 import pytest
 from sensor_msgs.msg import JointState
 

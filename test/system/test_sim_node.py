@@ -19,6 +19,7 @@ from offline import (
     positions,
     wire_axes,
 )
+from programs import next_domain, node_command, Process
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -358,8 +359,8 @@ def test_steps_that_a_budget_cuts_are_told_and_counted(make_graph):
     assert 'Traceback' not in sim.process.output
 
 
-def test_node_ends_well_on_sigterm_while_it_starts(make_graph):
-    process = make_graph().start('sim')
+def test_node_ends_well_on_sigterm_while_it_starts():
+    process = Process(node_command('sim'), next_domain())
     process.wait_for('tf2_msgs')  # what it says first, while it is being made
     assert process.stop(signal.SIGTERM) == 0, process.output
     assert 'Traceback' not in process.output
@@ -391,8 +392,8 @@ def terminal():
 
 @pytest.mark.usefixtures('terminal')
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_node_ends_well_while_it_imports(make_graph, number):
-    process = make_graph().start('sim')
+def test_node_ends_well_while_it_imports(number):
+    process = Process(node_command('sim'), next_domain())
     status, deadline = Path(f'/proc/{process.popen.pid}/status'), time.monotonic() + 10
     heeded = 1 << (signal.SIGTERM - 1) | 1 << (number - 1)  # Python itself heeds SIGINT earlier
     while int(re.search(r'SigCgt:\s*(\w+)', status.read_text())[1], 16) & heeded != heeded:

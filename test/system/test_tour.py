@@ -14,8 +14,8 @@ import subprocess
 import sys
 
 from forks import command
-from graph import environment
 from offline import nanoseconds
+from programs import environment
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sim_client import SimClient

@@ -8,10 +8,11 @@ import socket
 import sys
 
 from browser import Browser
+from forks import command, node
 from geometry_msgs.msg import PoseArray, Twist
-from graph import next_domain, node_command, Process
 from nav_msgs.msg import Path
 import numpy as np
+from programs import next_domain, Process
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -31,7 +32,8 @@ PNG = b'\x89PNG\r\n\x1a\n'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SIZE = (860, 400)  # pixels; Chromium draws in software here
 RATE = 'publish_rate:=50.0'  # few messages; the viewer shows 30 a second at most
-VIEW = [sys.executable, '-m', 'snake_sim_ros.commands', 'view', '--port', '0', '--no-browser']
+COMMANDS = [sys.executable, '-m', 'snake_sim_ros.commands']
+VIEW = ['view', '--port', '0', '--no-browser']
 
 
 def address(process):
@@ -44,6 +46,26 @@ def seconds(browser):
     """Return the time that the page shows, -1 if none."""
     found = re.search(r'time\s+(\d+\.\d+) s', browser.text)
     return float(found[1]) if found else -1.0
+
+
+def test_error_of_a_live_view_is_told_once(tmp_path, monkeypatch):
+    (tmp_path / 'viser').mkdir()
+    (tmp_path / 'viser' / '__init__.py').write_text('raise ImportError\n')
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    process = Process([*COMMANDS, *VIEW], next_domain())
+    assert process.wait(60) == 1
+    assert process.count('the viewer needs viser, which is not installed') == 1, process.output
+    assert process.lines[-1] == 'snake-sim view: viewer ended with status 2'
+
+
+def test_port_in_use():
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+        process = node('viewer', '-p', f'port:={port}', domain=next_domain())
+        assert process.wait() == 2
+    assert process.lines == [
+        f'error: port {port} of 127.0.0.1 is in use; choose another one, or 0 for any free one'
+    ]
 
 
 @pytest.fixture(scope='module')
@@ -212,7 +234,7 @@ def test_recorded_run(page, tmp_path):
     file = str(tmp_path / 'run.mcap')
     run = ['run', 'lateral_undulation', '--duration', '1.1', '--accuracy', '0', '--bag', file]
     assert main(run) == 0
-    process = Process([*VIEW, file], next_domain())
+    process = command([*VIEW, file], next_domain())
     try:
         page.open(address(process))
         page.until(lambda: 'repeat' in page.text, 'the controls of a run')
@@ -229,23 +251,3 @@ def test_recorded_run(page, tmp_path):
     assert status == 0, process.output
     assert 'Traceback' not in process.output
     assert 'ignored' not in process.output  # the page of viser sends only what is heeded
-
-
-def test_error_of_a_live_view_is_told_once(tmp_path, monkeypatch):
-    (tmp_path / 'viser').mkdir()
-    (tmp_path / 'viser' / '__init__.py').write_text('raise ImportError\n')
-    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
-    process = Process(VIEW, next_domain())
-    assert process.wait(60) == 1
-    assert process.count('the viewer needs viser, which is not installed') == 1, process.output
-    assert process.lines[-1] == 'snake-sim view: viewer ended with status 2'
-
-
-def test_port_in_use():
-    with socket.create_server(('127.0.0.1', 0)) as server:
-        port = server.getsockname()[1]
-        process = Process(node_command('viewer', '-p', f'port:={port}'), next_domain())
-        assert process.wait() == 2
-    assert process.lines == [
-        f'error: port {port} of 127.0.0.1 is in use; choose another one, or 0 for any free one'
-    ]

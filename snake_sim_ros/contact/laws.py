@@ -258,6 +258,18 @@ def add_viscous_friction(
 
 
 @inlined
+def rolls(laws: Laws) -> bool:
+    """Return whether any contact has rolling friction."""
+    return laws.rolling.mu_x > 0.0
+
+
+@inlined
+def impulse_width(laws: Laws) -> int:
+    """Return how many components of an impulse take part: 3, or 5 with rolling friction."""
+    return 5 if rolls(laws) else 3
+
+
+@inlined
 def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
     """Return the rolling friction of contact a."""
     if other is None:
@@ -278,6 +290,20 @@ def prox_disc(x: float, y: float, radius: float) -> tuple[float, float]:
     if length <= radius:
         return x, y
     return x * radius / length, y * radius / length
+
+
+@inlined
+def prox_scaled(disc: Disc, x: float, y: float, radius: float) -> tuple[float, float, bool]:
+    """
+    Return the impulse in a scaled disc that is next to a scaled one, and whether it is that one.
+
+    The components x and y are those of ``S^-1 P``, S = diag(mu_x, mu_y) [N s]; the impulse that
+    is returned is P. What is next to it in the scaled plane is on the ellipse, too, but it is not
+    `prox_ellipse`, unless the ellipse is a disc.
+    """
+    square = x * x + y * y
+    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
+    return disc.mu_x * shrink * x, disc.mu_y * shrink * y, shrink == 1.0
 
 
 @compiled
@@ -339,7 +365,7 @@ def natural_map(
 
     """
     solution = contacts.solution
-    if enough > 0.0 and laws.rolling.mu_x <= 0.0:
+    if enough > 0.0 and not rolls(laws):
         residual, printed = sliding_bound(laws, laws.other, closed, contacts)
         if residual <= enough:
             return residual, printed
@@ -356,7 +382,7 @@ def natural_map(
         P, gamma = (P_x, solution.impulse[a, 2]), (gamma_x, solution.gamma[a, 2])
         slide = disc_residual(P, gamma, disc, radius, laws.r_T, enough)
         tangential = max(tangential, slide)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             disc = rolling_disc(laws, laws.other, a)
             P = solution.impulse[a, 3], solution.impulse[a, 4]
             gamma = solution.gamma[a, 3], solution.gamma[a, 4]
@@ -399,8 +425,8 @@ def sliding_bound(
         else:  # as in disc_residual; its second part is shorter than its first
             e_x = P_x * over_x - weight * mu_x * gamma_x
             e_y = P_y * over_y - weight * mu_y * gamma_y
-            shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
-            d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+            e_x, e_y, _ = prox_scaled(laws.sliding, e_x, e_y, max(0.0, P_N))
+            d_x, d_y = P_x - e_x, P_y - e_y
             slip = max(slip, d_x * d_x + d_y * d_y)
     share = 2.0 - (lowest * min(over_x, over_y)) ** 2
     tangential = max(math.sqrt(stick), share * math.sqrt(slip) / r)
@@ -435,8 +461,8 @@ def disc_residual(
         weight = r * highest * highest
         e_x = P_x * over_x - weight * mu_x * gamma_x
         e_y = P_y * over_y - weight * mu_y * gamma_y
-        shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))
-        d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+        e_x, e_y, _ = prox_scaled(disc, e_x, e_y, bound)
+        d_x, d_y = P_x - e_x, P_y - e_y
         b_x, b_y = (1.0 - (lowest * over_x) ** 2) * d_x, (1.0 - (lowest * over_y) ** 2) * d_y
         misfit = (math.sqrt(d_x * d_x + d_y * d_y) + math.sqrt(b_x * b_x + b_y * b_y)) / r
         if misfit <= enough:

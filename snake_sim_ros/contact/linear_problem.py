@@ -46,7 +46,15 @@ from snake_sim_ros.contact.delassus import (
     fill_wrenches,
 )
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
-from snake_sim_ros.contact.laws import anchored_disc, Disc, grip, Laws, rolling_disc
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    Disc,
+    grip,
+    impulse_width,
+    Laws,
+    rolling_disc,
+    rolls,
+)
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
@@ -87,7 +95,7 @@ def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
         )
         radius, follow = factor * radius, factor * follow
         linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
 
 
@@ -454,7 +462,7 @@ def reduced_step(
         Whether the solution is finite.
 
     """
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     count = reduce_laws(laws, closed, contacts, reduced)
     held_velocities(closed, width, contacts, delassus, reduced)
     fill_responses(count, closed, width, contacts, delassus.operator, reduced)
@@ -493,7 +501,7 @@ def reduce_laws(laws: Laws, closed: Array, contacts: Contacts, reduced: Reduced)
         bound = Bound(radius, grip(laws.other, contacts, a), normal)
         disc = anchored_disc(laws, laws.other, contacts, a)
         count = reduce_disc(disc, contacts, a, bound, count, reduced)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             disc = rolling_disc(laws, laws.other, a)
             count = reduce_disc(disc, contacts, a, bound, count, reduced)
     return count
@@ -725,7 +733,7 @@ def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bo
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
-    rolling = laws.rolling.mu_x > 0.0
+    rolling = rolls(laws)
     reset_chain(chain)
     single = closed[: count_single(closed, contacts, chain.pair_delassus)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)

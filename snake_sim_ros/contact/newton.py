@@ -39,9 +39,11 @@ from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
     grip,
+    impulse_width,
     Laws,
     natural_map,
     rolling_disc,
+    rolls,
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import (
@@ -145,7 +147,7 @@ def law_error(
         d, along = disc_law_error(disc, contacts, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             d, along = disc_law_error(
                 rolling_disc(laws, laws.other, a), contacts, a, radius, fraction
             )
@@ -299,7 +301,7 @@ def friction_is_accurate(
             disc = sliding_disc(laws, laws.other, a, contacts.solution.impulse[a, 1])
             if not turns_little(disc, radius, laws.r_T, v, most):
                 return False
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             v = speed(contacts, a, 3)
             if still < v <= residual:
                 sticking += 1
@@ -623,8 +625,7 @@ def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     if operator is not None:
         operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
         if operator.is_condensed[0]:
-            width = 5 if laws.rolling.mu_x > 0.0 else 3
-            condense(closed, width, contacts, chain, operator.delassus)
+            condense(closed, impulse_width(laws), contacts, chain, operator.delassus)
 
 
 @compiled
@@ -674,5 +675,4 @@ def fill_twists(
     """Fill the twists of the links that impulses found on the operator cause."""
     if operator is not None:
         if operator.is_condensed[0]:
-            width = 5 if laws.rolling.mu_x > 0.0 else 3
-            condensed_twists(closed, width, contacts, chain, operator.delassus)
+            condensed_twists(closed, impulse_width(laws), contacts, chain, operator.delassus)

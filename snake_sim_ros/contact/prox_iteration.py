@@ -9,12 +9,14 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
 from snake_sim_ros.contact.laws import (
     grip,
+    impulse_width,
     Laws,
     natural_map,
     prox_disc,
     prox_ellipse,
     prox_half_line,
     rolling_disc,
+    rolls,
     sliding_disc,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
@@ -75,7 +77,7 @@ def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) ->
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = new, new_x, new_y
         P_x, P_y = solution.impulse[a, 3], solution.impulse[a, 4]
         new_x = new_y = 0.0
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             new_x, new_y = prox_disc(
                 P_x - laws.r_V * solution.gamma[a, 3],
                 P_y - laws.r_V * solution.gamma[a, 4],
@@ -106,7 +108,7 @@ def solve_with_projections(
     delassus, impulse, tolerance = solver.delassus, history.impulse, laws.change_tolerance
     reset_chain(chain)
     factor_chain(chain)
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     columns = width * len(closed)
     condensed = False
     iterations, change = 0, math.inf

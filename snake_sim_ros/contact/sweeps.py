@@ -13,7 +13,16 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
-from snake_sim_ros.contact.laws import Disc, grip, Laws, prox_half_line, rolling_disc, sliding_disc
+from snake_sim_ros.contact.laws import (
+    Disc,
+    grip,
+    impulse_width,
+    Laws,
+    prox_half_line,
+    prox_scaled,
+    rolling_disc,
+    sliding_disc,
+)
 from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
@@ -107,7 +116,7 @@ def improve(
     iterate and anchor are replaced. A contact that sticks gets a trial velocity of zero.
     """
     solution, newton = contacts.solution, contacts.newton
-    width, impulse = 5 if laws.rolling.mu_x > 0.0 else 3, newton.iterate
+    width, impulse = impulse_width(laws), newton.iterate
     rows = 0
     for a in closed:
         rows = max(rows, newton.row[a] + width)
@@ -169,11 +178,10 @@ def project_scaled(disc: Disc, sweep: Sweep, k: int, a: int, radius: float) -> b
         return False
     x = disc.over_x * impulse[a, j] - mu_x * gamma[k] / largest
     y = disc.over_y * impulse[a, j + 1] - mu_y * gamma[k + 1] / largest
-    length = math.sqrt(x * x + y * y)
-    shrink = radius / length if length > radius else 1.0
-    set_impulse(sweep, k, a, j, mu_x * shrink * x)
-    set_impulse(sweep, k + 1, a, j + 1, mu_y * shrink * y)
-    return length <= radius
+    x, y, sticks = prox_scaled(disc, x, y, radius)
+    set_impulse(sweep, k, a, j, x)
+    set_impulse(sweep, k + 1, a, j + 1, y)
+    return sticks
 
 
 @inlined

@@ -28,6 +28,7 @@ from snake_sim_ros.contact.delassus import (
 )
 from snake_sim_ros.contact.laws import (
     grip,
+    impulse_width,
     Laws,
     natural_map,
     prox_disc,
@@ -129,7 +130,7 @@ def solve_with_sweeps(
     laws, closed, contacts, chain = problem
     operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     condense(closed, width, contacts, chain, delassus)
     operator.is_condensed[0] = 1
     iterations, sweeps, converged = 0, 0, False

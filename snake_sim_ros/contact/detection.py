@@ -299,18 +299,15 @@ def find_peg_contacts(
     closed, contacts, frame = found.closed, found.contacts, found.frame
     geometry = contacts.geometry
     for c in range(part[0], part[1]):
-        i, half, radius = capsules.link[c], capsules.half[c], capsules.radius[c]
+        i, radius = capsules.link[c], capsules.radius[c]
         lever, axis = carried_in(R, i, capsules.center, c), carried_in(R, i, capsules.axis, c)
         middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
         for k in range(len(obstacles.pegs)):
-            px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
             a = obstacles.first_peg + k * len(capsules.link) + c
-            reach = half + radius + peg_radius + tolerance
             asked = geometry.takes_part[a] == 1
-            if not asked and (px - middle[0]) ** 2 + (py - middle[1]) ** 2 > reach * reach:
+            if not asked and is_beyond(tolerance, obstacles.pegs, capsules, middle, c, k):
                 continue
-            arm, distance, nx, ny = peg_contact(middle, (axis[0], axis[1]), half, (px, py))
-            gap = distance - peg_radius - radius
+            gap, arm, nx, ny = at_peg(obstacles.pegs, capsules, middle, (axis[0], axis[1]), c, k)
             if gap <= tolerance or asked:
                 closed[count] = a
                 count += 1
@@ -565,11 +562,29 @@ def from_above(capsules: Capsules, q: Array, c: int) -> tuple[Two, Two]:
 
 
 @inlined
+def at_peg(
+    pegs: Array, capsules: Capsules, middle: Two, axis: Two, c: int, k: int
+) -> tuple[float, float, float, float]:
+    """Return the gap of capsule c, see `from_above`, to peg k [m]; rest as from `peg_contact`."""
+    peg = pegs[k, 0], pegs[k, 1]
+    arm, distance, nx, ny = peg_contact(middle, axis, capsules.half[c], peg)
+    return distance - pegs[k, 2] - capsules.radius[c], arm, nx, ny
+
+
+@inlined
 def gap_to_peg(pegs: Array, capsules: Capsules, middle: Two, axis: Two, c: int, k: int) -> float:
     """Return the gap of capsule c, see `from_above`, to peg k [m]."""
-    peg = pegs[k, 0], pegs[k, 1]
-    _, distance, _, _ = peg_contact(middle, axis, capsules.half[c], peg)
-    return distance - pegs[k, 2] - capsules.radius[c]
+    gap, _, _, _ = at_peg(pegs, capsules, middle, axis, c, k)
+    return gap
+
+
+@inlined
+def is_beyond(
+    tolerance: float, pegs: Array, capsules: Capsules, middle: Two, c: int, k: int
+) -> bool:
+    """Return whether capsule c is too far from peg k for a gap of `tolerance` [m]."""
+    reach = capsules.half[c] + capsules.radius[c] + pegs[k, 2] + tolerance
+    return (pegs[k, 0] - middle[0]) ** 2 + (pegs[k, 1] - middle[1]) ** 2 > reach * reach
 
 
 @inlined

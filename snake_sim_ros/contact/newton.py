@@ -75,7 +75,10 @@ MOST_SWEPT = 2  # how often that is tried
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
+# Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the
+# steps of the radii must not be errors of the solution: their directions say how far they go.
 INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
+INEXACT, EXACT = 1e2, 0.1  # residuals of these rounds and of later ones, over the tolerance
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
 
@@ -474,7 +477,7 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         if held:
             begin_held(rounds, closed, contacts)
             anchor_at_iterate(laws, closed, contacts)
-            inner = 1e2 * tolerance if rounds < INEXACT_ROUNDS else 0.1 * tolerance
+            inner = held_tolerance(rounds, tolerance)
             fell_back = True
         elif rounds > 0:
             most -= HELD_ITERATIONS  # leave enough for a round with held radii
@@ -505,6 +508,12 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         else:
             held = True
     return Outcome(iterations, done, residual, printed, fell_back)
+
+
+@inlined
+def held_tolerance(rounds: int, tolerance: float) -> float:
+    """Return how well a round solves the problem with held radii, for a `tolerance` [m/s]."""
+    return (INEXACT if rounds < INEXACT_ROUNDS else EXACT) * tolerance
 
 
 @inlined

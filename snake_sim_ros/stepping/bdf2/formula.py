@@ -65,14 +65,6 @@ def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
 
 
 @inlined
-def aligned_size(done: int, size: int) -> int:
-    """Return the ticks of a part of at most `size` that may begin after `done` ticks."""
-    while done % size != 0:
-        size //= 2
-    return size
-
-
-@inlined
 def judge_part(path_tolerance: float, error: float, size: int) -> tuple[bool, int]:
     """
     Return whether a part is taken that makes an error in the path [m], and the size of the next.
@@ -163,17 +155,35 @@ class Task(NamedTuple):
     most: int  # iterations that the report is to have after it
 
 
+class Place(NamedTuple):
+    """How far a step of the scene is that is taken in parts."""
+
+    stretch: Stretch  # in which the next part is, and pushes are constant
+    done: int  # ticks of it that are taken
+    size: int  # ticks of the next part
+    parts: int  # parts that were taken
+
+
 @inlined
-def first_stretch(pushes: PushTable, k: int, memory: Any) -> Stretch:
-    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
+def first_place(model: Any, pushes: PushTable, k: int, memory: Any) -> Place:
+    """Return the `Place` at the start of step k."""
     step = whole_step(pushes, k)
-    return stretch_from(pushes, step.begin, step.end, memory)
+    stretch = stretch_from(pushes, step.begin, step.end, memory)
+    return Place(stretch, 0, first_size(model.dt, model.path_tolerance, memory), 0)
 
 
 @inlined
-def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
-    """Return the `Stretch` in which pushes are constant after another one of the same step."""
-    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
+def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Any) -> Place:
+    """Return the `Place` after a part that was taken or not, for a next one of `size` ticks."""
+    stretch, done, parts = place.stretch, place.done, place.parts
+    if taken:
+        done, parts = done + place.size, parts + 1
+        if done == TICKS and stretch.end < stretch.step_end:
+            stretch = stretch_from(pushes, stretch.end, stretch.step_end, memory)
+            done, size = 0, TICKS // AFTER_EVENT
+    while done % size != 0:  # a part begins at a multiple of its length
+        size //= 2
+    return Place(stretch, done, size, parts)
 
 
 @inlined
@@ -196,13 +206,9 @@ def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> S
 
 
 @inlined
-def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
-    """
-    Return the length of a part, and how much after the middle of the step it ends [s].
-
-    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`.
-    The step has the length dt [s].
-    """
+def part_of(place: Place, dt: float) -> tuple[float, float]:
+    """Return the length of the next part of a step of dt, and how late after its middle [s]."""
+    stretch, done, size, _ = place
     length = (stretch.end - stretch.begin) / STEP
     late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
     return dt * length * size / TICKS, dt * (late + 0.5)

@@ -66,7 +66,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     joint_laws_change,
     JointLaws,
     MOST_CHANGES,
-    stop_axis,
+    stop_at_end,
     Trial,
 )
 from snake_sim_ros.dynamics.mechanism import Mechanism
@@ -85,17 +85,14 @@ from snake_sim_ros.stepping.bdf2.events import (
     place_end,
 )
 from snake_sim_ros.stepping.bdf2.formula import (
-    AFTER_EVENT,
-    aligned_size,
     ANEW,
     end_references,
-    first_size,
-    first_stretch,
+    first_place,
     judge_part,
     keep_history,
     keep_references,
     least_iterations,
-    next_stretch,
+    next_place,
     part_of,
     path_error,
     restore_history,
@@ -145,20 +142,15 @@ def begin_axes(
     """
     Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
 
-    `angle`, shape (n-1, 2), are the joint angles at the start [rad]. A joint beyond its stop there
-    goes no further.
+    `angle`, shape (n-1, 2), are the joint angles at the start [rad].
     """
     axes, chain = work.axes, work.chain
     for j in range(len(axes.rate)):
         for k in range(2):
-            axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
-            axes.rate[j, k] = own.star.rate[j, k]
-            begin_axis(laws, axes, h, j, k)
+            load = chain.torque[j, k], chain.damping[j, 2 * k]
+            begin_axis(laws, axes, h, j, k, (load[0], load[1], own.star.rate[j, k]))
             if laws.has_stops:
-                hat = own.hat.angle[j, k]
-                low = (min(laws.stop[j, k, 0], angle[j, k]) - hat) / h_q
-                high = (max(laws.stop[j, k, 1], angle[j, k]) - hat) / h_q
-                stop_axis(laws, axes, j, k, low, high)
+                stop_at_end(laws, axes, j, k, (angle[j, k], own.hat.angle[j, k]), h_q)
             chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
 
 
@@ -401,40 +393,34 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     most = before[0] + model.iteration_limit
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
-    stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
+    place = first_place(model, steps.pushes, k, memory)
     forget_who_took_part(work.contacts)
-    while done < TICKS:
-        size = aligned_size(done, size)
-        dt, late = part_of(stretch, model.dt, done, size)
+    while place.done < TICKS:
+        dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, own)
         keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, Task(dt, stretch, most), steps)
+        part = one_part(own, model, work, Task(dt, place.stretch, most), steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
         error = path_error(dt, 3, own.moving.u, own.star.u)
-        is_taken, next_size = judge_part(model.path_tolerance, error, size)
+        is_taken, size = judge_part(model.path_tolerance, error, place.size)
         was_deep = memory.depth[0] > DEEP
         if report.iterations >= most:
-            is_taken, next_size = True, min(2 * size, TICKS)
+            is_taken, size = True, min(2 * place.size, TICKS)
         elif part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
             if deep_contacts_take_part(model, work, own.q):
-                is_taken, next_size = False, size
-            elif size > 1:
-                is_taken, next_size = False, size // 2
+                is_taken, size = False, place.size
+            elif place.size > 1:
+                is_taken, size = False, place.size // 2
         if is_taken:
             take_part(own, model, work, dt, part, steps)
-            done, parts = done + size, parts + 1
             forget_who_took_part(work.contacts)
-            if done == TICKS and stretch.end < stretch.step_end:
-                stretch = next_stretch(steps.pushes, stretch, memory)
-                done, next_size = 0, TICKS // AFTER_EVENT
         else:
             restore_history(own.kept, steps.history)
-        size = next_size
-    report.further_parts += parts - 1
-    keep_references(size, rate, memory)
+        place = next_place(place, is_taken, size, steps.pushes, memory)
+    report.further_parts += place.parts - 1
+    keep_references(place.size, rate, memory)
     count_steps(before, report)
     return report_end(model, work, steps.q, steps.u, steps.history.settling, report)
 

@@ -18,18 +18,15 @@ from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import (
-    AFTER_EVENT,
-    aligned_size,
     ANEW,
     coefficients,
     end_references,
-    first_size,
-    first_stretch,
+    first_place,
     judge_part,
     keep_history,
     keep_references,
     least_iterations,
-    next_stretch,
+    next_place,
     part_of,
     path_error,
     restore_history,
@@ -375,34 +372,28 @@ def planar_step(
     if memory.phase[0] == UNKNOWN:
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
-    stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
-    while done < TICKS:
-        size = aligned_size(done, size)
-        dt, late = part_of(stretch, model.dt, done, size)
+    place = first_place(model, steps.pushes, k, memory)
+    while place.done < TICKS:
+        dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, own)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
-        part = planar_part(own, model, work, Task(dt, stretch, most), steps)
+        part = planar_part(own, model, work, Task(dt, place.stretch, most), steps)
         error = path_error(dt, 2, own.moving, own.star.u)
-        taken, next_size = judge_part(model.path_tolerance, error, size)
+        taken, size = judge_part(model.path_tolerance, error, place.size)
         taken = taken or report.iterations >= most
         if not taken:
             restore_history(own.kept, steps.history)
         elif is_planar(model, work, steps, part.outcome):
             take_planar(own, model, work, dt, part, memory)
-            done, parts = done + size, parts + 1
-            if done == TICKS and stretch.end < stretch.step_end:
-                stretch = next_stretch(steps.pushes, stretch, memory)
-                done, next_size = 0, TICKS // AFTER_EVENT
         else:
             keep_planar(own.before, memory.end)
             memory.phase[0] = UNKNOWN
             take_back(before, report)
             return False
-        size = next_size
-    report.further_parts += parts - 1
-    keep_references(size, rate, memory)
+        place = next_place(place, taken, size, steps.pushes, memory)
+    report.further_parts += place.parts - 1
+    keep_references(place.size, rate, memory)
     count_steps(before, report)
     report.steps += 1
     report.contacts = model.floor

@@ -27,22 +27,23 @@ from snake_sim_ros.contact.laws import (
     grip,
     Laws,
     natural_map,
-    prox_ellipse,
     prox_half_line,
     sliding_bound,
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
 from snake_sim_ros.contact.newton import (
+    end_held,
     find_radius_steps,
-    INEXACT_ROUNDS,
+    held_tolerance,
     law_error,
     line_search,
     move_trial,
     next_relaxation,
 )
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
+from snake_sim_ros.contact.sweeps import forget_others, next_velocity
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.scene.parameters import Array
@@ -106,16 +107,13 @@ def solve_in_plane(  # type: ignore[empty-body]
 def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
     solution, newton = contacts.solution, contacts.newton
-    last, velocity, change = history.impulse, history.velocity, history.change
+    last, change = history.impulse, history.change
     for a in closed:
         P_N = last[a, 0]
         newton.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
         for k in range(3):
             newton.anchor[a, k] = last[a, k]
-        x, y = velocity[a, 1], velocity[a, 2]
-        next_x, next_y = x + change[a, 1], y + change[a, 2]
-        ahead = x * next_x + y * next_y > 0.0
-        x, y = (next_x, next_y) if ahead else (x, y)
+        x, y = next_velocity(history, a, 1)
         known = P_N > 0.0
         newton.trial[a, 0] = 0.0 if known else solution.gamma[a, 0]
         newton.trial[a, 1] = x if known else solution.gamma[a, 1]
@@ -125,10 +123,9 @@ def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None
 @inlined
 def remember_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
-    solution, newton = contacts.solution, contacts.newton
+    solution = contacts.solution
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        newton.is_closed[a] = 1
         P_N = solution.impulse[a, 0]
         before = last[a, 0] > 0.0
         difference = P_N - last[a, 0] if before else 0.0
@@ -140,11 +137,7 @@ def remember_sliding(closed: Array, contacts: Contacts, history: History) -> Non
             change[a, k] = gamma - velocity[a, k] if before else 0.0
             velocity[a, k] = gamma
             last[a, k] = solution.impulse[a, k]
-    for a in range(len(last) if len(last) > len(closed) else 0):
-        if newton.is_closed[a] == 0 and last[a, 0] > 0.0:
-            for j in range(5):
-                last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        newton.is_closed[a] = 0
+    forget_others(closed, contacts, history)
 
 
 @inlined
@@ -421,7 +414,7 @@ def solve_planar_contacts(
                 newton.held_radius[a], newton.radius_step[a] = newton.disc_radius[a], 0.0
         for a in closed:
             newton.disc_radius[a] = newton.held_radius[a]
-        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * laws.residual_tolerance
+        inner = held_tolerance(rounds, laws.residual_tolerance)
         iterations += iterate_held_in_plane(
             model, work, closed, inner, rounds > 0, limit - iterations
         )
@@ -431,10 +424,7 @@ def solve_planar_contacts(
         anchor_what_moves(laws, closed, contacts)
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-        for a in closed:
-            newton.held_radius[a] = max(
-                0.0, newton.held_radius[a] + relaxation * newton.radius_step[a]
-            )
+        end_held(relaxation, closed, contacts)
         rounds += 1
     remember_sliding(closed, contacts, history)
     converged = residual <= laws.residual_tolerance
@@ -449,11 +439,7 @@ def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> 
     normal = sliding = 0.0
     for a in work.closed:
         P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
-        radius = prox_half_line(P_N)
-        radius *= grip(laws.other, contacts, a)
-        x, y = P_x - laws.r_T * solution.gamma[a, 1], P_y - laws.r_T * solution.gamma[a, 2]
-        disc = sliding_disc(laws, laws.other, a, x)
-        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+        new_x, new_y = prox_sliding(laws, contacts, a, prox_half_line(P_N))
         normal += (P_N - impulse[a, 0]) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y

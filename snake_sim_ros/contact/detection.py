@@ -31,7 +31,14 @@ from snake_sim_ros.dynamics.kinematics import (
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
-from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
+from snake_sim_ros.scene.obstacles import (
+    first_pair,
+    first_peg,
+    is_flat,
+    pair_contacts,
+    STEEP,
+    UPRIGHT,
+)
 from snake_sim_ros.scene.parameters import Array, Scene
 
 Two = tuple[float, float]
@@ -49,8 +56,8 @@ def fill_contact_frame(frame: Array, normal: Three, axis: Three) -> None:
     nx, ny, nz = normal
     x, y, z = tangential_part(normal, axis)
     square = x * x + y * y + z * z
-    if square <= 1e-12:
-        steep = abs(nx) > 0.7
+    if square <= UPRIGHT * UPRIGHT:
+        steep = abs(nx) > STEEP
         x, y, z = tangential_part(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
         square = x * x + y * y + z * z
     scale = 1.0 / math.sqrt(square)
@@ -222,7 +229,7 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
             geometry.gap[a] = gap
             solution.shift[a] = 0.0
             c = math.sqrt(x * x + y * y)
-            flat = c > 1e-6
+            flat = c > UPRIGHT
             geometry.heading[a, 0] = x / c if flat else 1.0
             geometry.heading[a, 1] = y / c if flat else 0.0
             geometry.point[a, 0] = center[i, 0] + carried_part(straight, R, i, place, a, 0)
@@ -415,7 +422,7 @@ def peg_contact(
     axis_x, axis_y = axis
     apart_x, apart_y = peg[0] - link[0], peg[1] - link[1]
     square = axis_x * axis_x + axis_y * axis_y
-    along = (apart_x * axis_x + apart_y * axis_y) / square if square > 1e-12 else 0.0
+    along = (apart_x * axis_x + apart_y * axis_y) / square if square > UPRIGHT * UPRIGHT else 0.0
     arm = min(max(along, -half), half)
     dx, dy = arm * axis_x - apart_x, arm * axis_y - apart_y
     distance = math.sqrt(dx * dx + dy * dy)

@@ -34,6 +34,10 @@ FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zer
 PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
 IMPACT_WEIGHTS = 10.0  # an impulse of more weights of the robot in a step is that of an impact
 REST_SPEED = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+SELECTING = 1e-2  # the rule selects from this compliance on, relative to the proximal point method
+# A step of the projection on an ellipse that is smaller, relative to the result, is the last one:
+# its square is below rounding.
+LAST_STEP = 1e-8
 LEAST_COMPLIANCE = 1e-6  # the rule is not reduced below it; relative to the Delassus operator
 
 
@@ -258,6 +262,12 @@ def add_viscous_friction(
 
 
 @inlined
+def selects(laws: Laws) -> bool:
+    """Return whether the selection rule makes normal impulses unique, without a proximal point."""
+    return laws.compliance > SELECTING * laws.proximal_compliance
+
+
+@inlined
 def rolls(laws: Laws) -> bool:
     """Return whether any contact has rolling friction."""
     return laws.rolling.mu_x > 0.0
@@ -328,7 +338,7 @@ def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
     ux, uy = a * abs(scale * x), b * abs(scale * y)
     t = max(ux - aa, uy - bb, 0.0)
     step = math.inf
-    while step > 1e-8 * (t + min(aa, bb)):  # the square of a smaller one is below rounding
+    while step > LAST_STEP * (t + min(aa, bb)):
         over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
         p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
         square = p + q

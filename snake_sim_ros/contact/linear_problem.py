@@ -54,6 +54,7 @@ from snake_sim_ros.contact.laws import (
     Laws,
     rolling_disc,
     rolls,
+    selects,
 )
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import (
@@ -120,9 +121,7 @@ def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[
         Minus the derivative of P_N with respect to gamma_N [kg].
 
     """
-    proximal = (
-        0.0 if laws.compliance > 1e-2 * laws.proximal_compliance else laws.proximal_compliance
-    )
+    proximal = 0.0 if selects(laws) else laws.proximal_compliance
     stiffness = 1.0 / (laws.compliance + proximal)
     P_N = stiffness * (laws.compliance * center + proximal * anchor - gamma)
     return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)

@@ -44,6 +44,7 @@ from snake_sim_ros.contact.laws import (
     natural_map,
     rolling_disc,
     rolls,
+    selects,
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import (
@@ -67,6 +68,13 @@ USUAL_TOLERANCE = 1e-9  # a larger one relaxes the accuracy of the loads, too [m
 # friction acts along a normal there, as it does where a link is wedged.
 FEW = 1
 FEW_ON_FLOOR = 2
+# Residuals above so many tolerances are those of an iteration that is far from the solution, where
+# the line between two iterates is searched; below, rounding decides.
+FAR_RESIDUAL = 1e3
+CONVERGES = 0.95  # an iteration that leaves a larger share of the residual does not converge
+# A line search ends at this share of the smaller slope of both ends, and after so many points: the
+# next iteration goes on from there, for which a better point gains little.
+FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
 REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
@@ -81,6 +89,9 @@ INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
 INEXACT, EXACT = 1e2, 0.1  # residuals of these rounds and of later ones, over the tolerance
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
+# Radius steps go one way if they repeat more than this share of the last ones: the share by which
+# the radii move is then doubled. It is halved where they turn back.
+REPEATS = 0.5
 
 
 class Operator(NamedTuple):
@@ -192,9 +203,9 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts) -> float:
     low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
     if not below < 0.0:
         return 0.0
-    enough = 0.1 * min(-below, above)
+    enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
-    for _ in range(20):
+    for _ in range(MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
         slope = law_error(laws, closed, contacts, fraction)[0]
         if abs(slope) <= enough:
@@ -266,7 +277,7 @@ def is_negligible(laws: Laws, closed: Array, contacts: Contacts, residual: float
     `laws`, `closed` and `contacts` are those of a `problem.Problem`. Without the selection rule
     the loads are not unique, and any residual is enough.
     """
-    if laws.compliance <= 1e-2 * laws.proximal_compliance:
+    if not selects(laws):
         return True
     return residual <= laws.compliance * small_load(laws, closed, contacts)
 
@@ -428,7 +439,7 @@ def iterate_laws(
                 if not goes_on:
                     break
         fraction = 1.0
-        is_far = residual > 1e3 * tolerance  # below, rounding decides
+        is_far = residual > FAR_RESIDUAL * tolerance
         if held or (is_far and (rounds > 0 or iterations > 1)):
             fraction = line_search(laws, closed, contacts)
         if fraction == 0.0 and not held:
@@ -440,7 +451,7 @@ def iterate_laws(
                 break
         else:
             anchor_at_iterate(laws, closed, contacts)
-            if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
+            if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
@@ -605,7 +616,7 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
         Number of the round, from 0.
 
     """
-    if rounds > 0 and along > 0.5 * before:
+    if rounds > 0 and along > REPEATS * before:
         return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
     if along < 0.0:
         return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far

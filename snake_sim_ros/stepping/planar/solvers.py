@@ -64,6 +64,8 @@ SECOND_CHANGE = 3
 COUPLED_ITERATIONS = 4  # iterations before the radii are held
 MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
+CONVERGES = 0.5  # an iteration that leaves a larger share of the residual does not converge
+NEAR = 4.0  # a bound up to so many tolerances is near: the residual itself may be within
 SLIDING_SHARE = 0.98  # share of the square of the radius beyond which friction slides
 STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contact counts as zero
 
@@ -282,7 +284,7 @@ def residual_in_plane(model: PlanarModel, closed: Array, contacts: Contacts) -> 
     """
     enough = model.laws.residual_tolerance
     residual, _ = sliding_bound(model.laws, model.laws.other, closed, contacts)
-    if residual <= enough or (residual > 4.0 * enough and residual < math.inf):
+    if residual <= enough or (residual > NEAR * enough and residual < math.inf):
         return residual
     residual, _ = natural_map(model.laws, closed, contacts, enough)
     return residual
@@ -326,7 +328,7 @@ def iterate_coupled_in_plane(
         iterations += 1
         if residual <= laws.residual_tolerance or not math.isfinite(residual):
             break
-        if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
+        if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         settle_loads(model, work, closed)
         move_trial(closed, contacts, 1.0)

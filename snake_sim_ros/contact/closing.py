@@ -23,8 +23,7 @@ from typing import Protocol
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate
 from snake_sim_ros.contact.detection import gap_at, Obstacles, penetration
-from snake_sim_ros.contact.linear_problem import solve_linear
-from snake_sim_ros.contact.newton import Operator
+from snake_sim_ros.contact.linear_problem import Operator, solve_linear
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined

@@ -97,7 +97,7 @@ def make_patches(scene: Scene) -> Patches:
 
 
 @inlined
-def patch_factor(patches: Any, x: float, y: float) -> float:
+def patch_factor(patches: Patches, x: float, y: float) -> float:
     """Return the factor of friction at a point (x, y) of I [m], 1 outside the patches."""
     row = math.floor((y - patches.origin_y) / patches.cell)
     column = math.floor((x - patches.origin_x) / patches.cell)
@@ -108,7 +108,7 @@ def patch_factor(patches: Any, x: float, y: float) -> float:
 
 @inlined
 def fill_grip(
-    patches: Any, contacts: Contacts, a: int, place: tuple[float, float], own: float
+    patches: Patches, contacts: Contacts, a: int, place: tuple[float, float], own: float
 ) -> None:
     """Fill the grip of contact a, of a sphere above a place of I [m], with a factor of its own."""
     contacts.geometry.grip[a] = own * patch_factor(patches, place[0], place[1])

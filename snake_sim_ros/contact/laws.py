@@ -19,7 +19,7 @@ with a flat floor must not pay for the branches of other scenes.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -153,7 +153,7 @@ def sliding_disc(laws: Laws, other: OtherFriction | None, a: int, P_x: float) ->
 
 
 @inlined
-def floor_disc(laws: Laws, other: Any, P_x: float) -> Disc:
+def floor_disc(laws: Laws, other: OtherFriction | None, P_x: float) -> Disc:
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
     return laws.sliding if other is None else ground_disc(laws, other, P_x)
 

@@ -32,7 +32,7 @@ digits.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -439,6 +439,16 @@ def make_reduced(rows: int) -> Reduced:
     )
 
 
+class Operator(NamedTuple):
+    """The Delassus operator of few contacts, and arrays for linear problems on it."""
+
+    delassus: Delassus
+    reduced: Reduced
+    most: int  # largest number of contacts that are condensed
+    swept: int  # how often sweeps over the contacts are tried
+    is_condensed: Array  # (1,) 1 if the contacts of this step are
+
+
 @inlined
 def reduced_step(
     laws: Laws, closed: Array, contacts: Contacts, delassus: Delassus, reduced: Reduced
@@ -695,7 +705,7 @@ def expand(count: int, closed: Array, width: int, contacts: Contacts, reduced: R
 
 
 @inlined
-def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bool]:
+def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tuple[bool, bool]:
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 

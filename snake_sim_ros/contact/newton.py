@@ -53,7 +53,7 @@ from snake_sim_ros.contact.linear_problem import (
     list_pairs_last,
     make_reduced,
     normal_law,
-    Reduced,
+    Operator,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
@@ -92,16 +92,6 @@ MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
 # Radius steps go one way if they repeat more than this share of the last ones: the share by which
 # the radii move is then doubled. It is halved where they turn back.
 REPEATS = 0.5
-
-
-class Operator(NamedTuple):
-    """The Delassus operator of few contacts, and arrays for linear problems on it."""
-
-    delassus: Delassus
-    reduced: Reduced
-    most: int  # largest number of contacts that are condensed
-    swept: int  # how often sweeps over the contacts are tried
-    is_condensed: Array  # (1,) 1 if the contacts of this step are
 
 
 class Newton(NamedTuple):

@@ -41,7 +41,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
@@ -138,7 +138,7 @@ def begin_landing(problem: Problem, count: int, history: History) -> Problem:
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
@@ -233,7 +233,7 @@ def end_step(
 
 
 @inlined
-def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
+def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -244,7 +244,7 @@ def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
 
 
 @inlined
-def note_joints(model: Model, q: Array, report: Any) -> None:
+def note_joints(model: Model, q: Array, report: Table) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -253,7 +253,7 @@ def note_joints(model: Model, q: Array, report: Any) -> None:
 
 @inlined
 def report_end(
-    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Any
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Table
 ) -> bool:
     """
     Report a step at its end.

@@ -14,7 +14,7 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
@@ -31,6 +31,28 @@ LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
 
 
+References = tuple[Array, Array]  # of the joints, (n-1, 2): angles [rad] and rates [rad/s]
+
+
+class Memory(Protocol):
+    """What a method keeps of the last step at either level; see `motion.Bdf2Memory`."""
+
+    @property
+    def reference_rate(self) -> Array: ...  # noqa: D102
+
+    @property
+    def dt(self) -> Array: ...  # noqa: D102
+
+    @property
+    def span(self) -> Array: ...  # noqa: D102
+
+    @property
+    def phase(self) -> Array: ...  # noqa: D102
+
+    @property
+    def ticks(self) -> Array: ...  # noqa: D102
+
+
 @inlined
 def least_iterations(limit: int) -> int:
     """Return how many iterations a solution has if those before used up the limit of the step."""
@@ -38,7 +60,7 @@ def least_iterations(limit: int) -> int:
 
 
 @inlined
-def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
+def coefficients(dt: float, memory: Memory) -> tuple[float, float, float, float]:
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
@@ -52,7 +74,7 @@ def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
 
 
 @inlined
-def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
+def first_size(dt: float, path_tolerance: float, memory: Memory) -> int:
     """Return the ticks of the first part of a step of dt [s]."""
     if memory.phase[0] != SMOOTH:
         goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
@@ -97,26 +119,26 @@ def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
 
 @inlined
 def end_references(
-    dt: float, late: float, known: bool, reference: tuple[Array, Array], memory: Any, own: Any
+    dt: float, late: float, known: bool, reference: References, memory: Memory, to: References
 ) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
 
     They are extrapolated from angles and rates at this middle, `reference`, with their mean
-    acceleration since the step before, if that is known.
+    acceleration since the step before, if that is known. `to` are filled.
     """
-    angle, rate = reference
+    (angle, rate), (end_angle, end_rate) = reference, to
     for j in range(len(angle)):
         for axis in range(2):
             change = rate[j, axis] - memory.reference_rate[j, axis]
             acceleration = change / dt if known else 0.0
-            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
+            end_rate[j, axis] = rate[j, axis] + late * acceleration
             mean = rate[j, axis] + 0.5 * late * acceleration
-            own.end_angle[j, axis] = angle[j, axis] + late * mean
+            end_angle[j, axis] = angle[j, axis] + late * mean
 
 
 @inlined
-def keep_references(size: int, rate: Array, memory: Any) -> None:
+def keep_references(size: int, rate: Array, memory: Memory) -> None:
     """Keep the ticks of the next part, and the rates of the references of the step that ends."""
     memory.ticks[0] = size
     for j in range(len(rate)):
@@ -165,15 +187,17 @@ class Place(NamedTuple):
 
 
 @inlined
-def first_place(model: Any, pushes: PushTable, k: int, memory: Any) -> Place:
-    """Return the `Place` at the start of step k."""
+def first_place(
+    dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: Memory
+) -> Place:
+    """Return the `Place` at the start of step k, of dt [s]."""
     step = whole_step(pushes, k)
     stretch = stretch_from(pushes, step.begin, step.end, memory)
-    return Place(stretch, 0, first_size(model.dt, model.path_tolerance, memory), 0)
+    return Place(stretch, 0, first_size(dt, path_tolerance, memory), 0)
 
 
 @inlined
-def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Any) -> Place:
+def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Memory) -> Place:
     """Return the `Place` after a part that was taken or not, for a next one of `size` ticks."""
     stretch, done, parts = place.stretch, place.done, place.parts
     if taken:
@@ -187,7 +211,7 @@ def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: 
 
 
 @inlined
-def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> Stretch:
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Memory) -> Stretch:
     """
     Return the `Stretch` of a step from a tick on in which pushes are constant.
 

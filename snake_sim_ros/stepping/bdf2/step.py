@@ -41,7 +41,7 @@ The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these e
    of any ratio "... I", 1993, ch. III.5.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import keep_closed
 from snake_sim_ros.contact.detection import find_contacts, Found, LANDING_SPEED, penetration, Pose
@@ -55,7 +55,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
@@ -156,7 +156,7 @@ def begin_axes(
 
 @inlined
 def axes_change(
-    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     laws, chain = robot.joint_laws, work.chain
@@ -390,14 +390,15 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     if memory.phase[0] == SMOOTH and torques_jump(model.robot.control, steps.history.control):
         memory.phase[0] = ANEW
     known, before = memory.span[0] > 0.0, noted(report)
+    ends = own.end_angle, own.end_rate
     most = before[0] + model.iteration_limit
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
-    place = first_place(model, steps.pushes, k, memory)
+    place = first_place(model.dt, model.path_tolerance, steps.pushes, k, memory)
     forget_who_took_part(work.contacts)
     while place.done < TICKS:
         dt, late = part_of(place, model.dt)
-        end_references(model.dt, late, known, (angle, rate), memory, own)
+        end_references(model.dt, late, known, (angle, rate), memory, ends)
         keep_history(steps.history, own.kept)
         part = one_part(own, model, work, Task(dt, place.stretch, most), steps)
         if not part.is_small:

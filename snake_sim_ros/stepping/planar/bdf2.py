@@ -8,10 +8,11 @@ lands and no impulse is sudden. The only event is a state that is not the end of
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.detection import Patches
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
@@ -246,7 +247,7 @@ def predict_loads(
 
 @inlined
 def begin_planar_part(
-    model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Any, h: float,
+    model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Array, h: float,
     h_q: float,
 ) -> None:  # fmt: skip
     """
@@ -275,7 +276,11 @@ def begin_planar_part(
 
 @inlined
 def fill_predicted_grips(
-    patches: Any, model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, h_q: float
+    patches: Patches | None,
+    model: PlanarModel,
+    own: PlanarBdf2Arrays,
+    work: PlanarWorkspace,
+    h_q: float,
 ) -> None:
     """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
     if patches is None:
@@ -366,16 +371,16 @@ def planar_step(
     """Take step k; return whether it was taken."""
     report, memory = steps.report[0], steps.history.memory.scheme
     angle, rate = steps.angle[k], steps.rate[k]
-    known = memory.span[0] > 0.0
+    known, ends = memory.span[0] > 0.0, (own.end_angle, own.end_rate)
     before = noted(report)
     most = before[0] + model.iteration_limit
     if memory.phase[0] == UNKNOWN:
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
-    place = first_place(model, steps.pushes, k, memory)
+    place = first_place(model.dt, model.path_tolerance, steps.pushes, k, memory)
     while place.done < TICKS:
         dt, late = part_of(place, model.dt)
-        end_references(model.dt, late, known, (angle, rate), memory, own)
+        end_references(model.dt, late, known, (angle, rate), memory, ends)
         if model.path_tolerance > 0.0:
             keep_history(steps.history, own.kept)
         part = planar_part(own, model, work, Task(dt, place.stretch, most), steps)

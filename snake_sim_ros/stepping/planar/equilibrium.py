@@ -8,7 +8,6 @@ are found as `contact.detection` finds them in space.
 """
 
 import math
-from typing import Any
 
 from snake_sim_ros.contact.closing import (
     GAP_GROWTH,
@@ -25,6 +24,7 @@ from snake_sim_ros.contact.detection import (
     fill_grip,
     gap_to_peg,
     is_beyond,
+    Patches,
     reach_of_step,
 )
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
@@ -170,7 +170,7 @@ def place_links_in_plane(
 
 @inlined
 def fill_grips(
-    patches: Any, model: PlanarModel, work: PlanarWorkspace, x: float, y: float
+    patches: Patches | None, model: PlanarModel, work: PlanarWorkspace, x: float, y: float
 ) -> None:
     """
     Fill the grip of the contacts with the floor, for O at (x, y) in I [m].

@@ -34,7 +34,7 @@ from typing import Any
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
@@ -100,7 +100,7 @@ def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array
 def begin_predicted_yaw_axes(
     model: PlanarModel,
     work: PlanarWorkspace,
-    headings: tuple[Any, Any],
+    headings: tuple[Array, Array],
     u_star: Array,
     h: float,
     h_q: float,
@@ -129,7 +129,7 @@ def yaw_axes_change(
     outcome: Outcome,
     attempt: int,
     left: int,
-    report: Any,
+    report: Table,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws

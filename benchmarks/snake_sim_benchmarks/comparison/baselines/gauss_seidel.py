@@ -36,7 +36,8 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
+from snake_sim_ros.contact.linear_problem import Operator
+from snake_sim_ros.contact.newton import is_negligible, iterate_laws
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep

@@ -146,6 +146,25 @@ def controller_impulse(axes: AxisLaws, j: int, k: int) -> float:
 
 
 @inlined
+def controller_impulses(
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], rate: Array, applied: Array
+) -> bool:
+    """
+    Fill the impulses of the controllers, (n-1, 2) [N m s]; return whether a joint meets a stop.
+
+    `loads` are torques and dampings, as of `joint_laws_change`, and `rate` rates of a solution.
+    """
+    (torque, damping), meets = loads, False
+    for j in range(len(rate)):
+        for k in range(2):
+            applied[j, k] = torque[j, k] - damping[j, k] * rate[j, k]
+            if laws.present:
+                applied[j, k] = controller_impulse(axes, j, k)
+                meets = meets or is_at_stop(laws, axes, j, k)
+    return meets
+
+
+@inlined
 def first_law(inertia: float, axes: AxisLaws, j: int, k: int) -> tuple[float, float]:
     """Return the first torque and damping, from the rate in axes.rate; see `axis_law`."""
     axes.cut[j, k] = axes.slip[j, k] = axes.held[j, k] = 0.0

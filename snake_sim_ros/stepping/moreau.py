@@ -46,7 +46,7 @@ from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
-    controller_impulse,
+    controller_impulses,
     joint_laws_change,
     MOST_CHANGES,
     Trial,
@@ -190,18 +190,6 @@ def solve_step(
 
 
 @inlined
-def controller_impulses(model: Model, work: Workspace) -> None:
-    """Fill work.applied, the impulses of the controllers at the rates in work.axes."""
-    rate = work.axes.rate
-    for j in range(len(rate)):
-        for k in range(2):
-            if model.robot.joint_laws.present:
-                work.applied[j, k] = controller_impulse(work.axes, j, k)
-            else:
-                work.applied[j, k] = work.torque[j, k] - work.damping[j, k] * rate[j, k]
-
-
-@inlined
 def end_step(
     model: Model,
     work: Workspace,
@@ -218,7 +206,8 @@ def end_step(
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
-    controller_impulses(model, work)
+    loads, axes = (work.torque, work.damping), work.axes
+    controller_impulses(model.robot.joint_laws, axes, loads, axes.rate, work.applied)
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, work.moving if lands else u, q)
     note_outcome(outcome, report)

@@ -17,6 +17,7 @@ import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array, Table
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
@@ -133,11 +134,8 @@ def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) ->
     record = steps.record
     row = sampled_row(k, record)
     if row >= 0:
-        for i in range(len(steps.u)):
-            for j in range(7):
-                record.q[row, i, j] = steps.q[i, j]
-            for j in range(6):
-                record.u[row, i, j] = steps.u[i, j]
+        copy_rows(steps.q, record.q[row])
+        copy_rows(steps.u, record.u[row])
         keep_forces(row, applied, dt, span, steps.history, record)
 
 

@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple, Protocol
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
 from snake_sim_ros.stepping.state import History
@@ -147,23 +148,11 @@ def keep_references(size: int, rate: Array, memory: Memory) -> None:
 
 
 @inlined
-def keep_history(history: History, kept: Array) -> None:
+def copy_history(history: History, to: History) -> None:
     """Copy impulses, velocities and changes of the contacts."""
-    for a in range(len(history.impulse)):
-        for j in range(5):
-            kept[0, a, j] = history.impulse[a, j]
-            kept[1, a, j] = history.velocity[a, j]
-            kept[2, a, j] = history.change[a, j]
-
-
-@inlined
-def restore_history(kept: Array, history: History) -> None:
-    """Copy back what `keep_history` kept."""
-    for a in range(len(history.impulse)):
-        for j in range(5):
-            history.impulse[a, j] = kept[0, a, j]
-            history.velocity[a, j] = kept[1, a, j]
-            history.change[a, j] = kept[2, a, j]
+    copy_rows(history.impulse, to.impulse)
+    copy_rows(history.velocity, to.velocity)
+    copy_rows(history.change, to.change)
 
 
 # ---- pushes divide steps ----

@@ -60,15 +60,15 @@ from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controller
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
     begin_axis_impact,
-    controller_impulse,
+    controller_impulses,
     first_law,
-    is_at_stop,
     joint_laws_change,
     JointLaws,
     MOST_CHANGES,
     stop_at_end,
     Trial,
 )
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2.events import (
@@ -86,16 +86,15 @@ from snake_sim_ros.stepping.bdf2.events import (
 )
 from snake_sim_ros.stepping.bdf2.formula import (
     ANEW,
+    copy_history,
     end_references,
     first_place,
     judge_part,
-    keep_history,
     keep_references,
     least_iterations,
     next_place,
     part_of,
     path_error,
-    restore_history,
     SMOOTH,
     Task,
     TICKS,
@@ -165,23 +164,6 @@ def axes_change(
     joint_rates(robot.places, work.frames, chain.twist, work.axes.rate)
     loads = chain.torque, chain.damping[:, ::2]
     return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
-
-
-@inlined
-def joints_meet_stops(laws: JointLaws, rate: Array, work: Workspace) -> bool:
-    """
-    Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
-
-    These are the impulses of the controllers in a part.
-    """
-    meets, axes, chain = False, work.axes, work.chain
-    for j in range(len(rate)):
-        for k in range(2):
-            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
-            if laws.present:
-                work.applied[j, k] = controller_impulse(axes, j, k)
-                meets = meets or is_at_stop(laws, axes, j, k)
-    return meets
 
 
 @inlined
@@ -308,7 +290,10 @@ def solve_landing(
             continue
         keep_velocities(model.robot.places, work, own.moving)
         keep(own.moving, own.end)
-        meets = joints_meet_stops(model.robot.joint_laws, own.moving.rate, work)
+        loads = chain.torque, chain.damping[:, ::2]
+        meets = controller_impulses(
+            model.robot.joint_laws, work.axes, loads, own.moving.rate, work.applied
+        )
         find_end_gaps(terms.h_q, closed, contacts)
         found = events(model, terms.h, closed, contacts)
         if meets:
@@ -360,10 +345,10 @@ def take_part(
 ) -> None:
     """Move to the end of a `Part` of length dt [s]."""
     memory, history, report = steps.history.memory, steps.history, steps.report[0]
-    for j in range(len(own.end.rate)):
+    for j in range(len(work.applied)):
         for k in range(2):
             work.applied[j, k] *= model.dt / part.h
-            own.end.angle[j, k] = own.moving.angle[j, k]
+    copy_rows(own.moving.angle, own.end.angle)
     for k in range(7):
         own.end.pose[k] = own.moving.pose[k]
     if part.found.jumps:
@@ -399,7 +384,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     while place.done < TICKS:
         dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, ends)
-        keep_history(steps.history, own.kept)
+        copy_history(steps.history, own.kept)
         part = one_part(own, model, work, Task(dt, place.stretch, most), steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
@@ -418,7 +403,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
             take_part(own, model, work, dt, part, steps)
             forget_who_took_part(work.contacts)
         else:
-            restore_history(own.kept, steps.history)
+            copy_history(own.kept, steps.history)
         place = next_place(place, is_taken, size, steps.pushes, memory)
     report.further_parts += place.parts - 1
     keep_references(place.size, rate, memory)

@@ -48,6 +48,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     stop_at_middle,
     Trial,
 )
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     close_pegs,
@@ -358,9 +359,7 @@ def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: St
     if row >= 0:
         for i in range(len(steps.q)):
             record.q[row, i] = steps.q[i]
-        for i in range(len(steps.u)):
-            for j in range(3):
-                record.u[row, i, j] = steps.u[i, j]
+        copy_rows(steps.u, record.u[row])
         keep_forces(row, applied, dt, span, steps.history, record)
 
 

@@ -448,23 +448,6 @@ def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> 
     return math.sqrt(normal) + math.sqrt(sliding)
 
 
-@inlined
-def project_in_plane(
-    model: PlanarModel, work: PlanarWorkspace, impulse: Array, limit: int
-) -> Outcome:
-    """Iterate until the friction laws hold, with loads that follow from the friction."""
-    factor_bare(work)
-    iterations, change = 0, math.inf
-    while not change < model.laws.change_tolerance and iterations < limit:
-        copy_impulses(work.closed, impulse, work.contacts)
-        planar_twists(model, work)
-        find_loads(model, work)
-        change = prox_friction(model, work, impulse)
-        iterations += 1
-    residual, printed = natural_map(model.laws, work.closed, work.contacts, 0.0)
-    return Outcome(iterations, change < model.laws.change_tolerance, residual, printed, False)
-
-
 class PlanarProxIteration(NamedTuple):
     """The paper's iteration; it needs no arrays of its own."""
 
@@ -474,12 +457,22 @@ class PlanarProxIteration(NamedTuple):
 @solve_in_plane.register(PlanarProxIteration)
 @inlined
 def solve_plane_with_projections(
-    solver: 'PlanarProxIteration',
+    solver: PlanarProxIteration,
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
     history: History,
     limit: int,
 ) -> Outcome:
-    """Solve the contacts of a step; see `solve_in_plane`."""
-    return project_in_plane(model, work, history.impulse, limit)
+    """Project until the laws hold, with loads that follow from friction; see `solve_in_plane`."""
+    contacts, impulse, tolerance = work.contacts, history.impulse, model.laws.change_tolerance
+    factor_bare(work)
+    iterations, change = 0, math.inf
+    while not change < tolerance and iterations < limit:
+        copy_impulses(closed, impulse, contacts)
+        planar_twists(model, work)
+        find_loads(model, work)
+        change = prox_friction(model, work, impulse)
+        iterations += 1
+    residual, printed = natural_map(model.laws, closed, contacts, 0.0)
+    return Outcome(iterations, change < tolerance, residual, printed, False)

@@ -523,15 +523,9 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
         Link centers [m, frame I] and unit Euler parameters.
 
     """
-    if obstacles is None:
-        return floor_penetration(robot.spheres, q)
-    return obstacle_penetration(obstacles, robot, q)
-
-
-@inlined
-def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> float:
-    """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
     spheres, lowest = robot.spheres, 0.0
+    if obstacles is None:
+        return floor_penetration(spheres, q)
     for s in range(len(spheres.link)):
         for k in range(4):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
@@ -617,17 +611,9 @@ def gap_at(
     Parameters are those of `penetration`, with the contacts: their links are read for
     contacts that have frames.
     """
-    if obstacles is None:
-        return sphere_height(robot.spheres, q, a)
-    return obstacle_gap(obstacles, robot, q, contacts, a)
-
-
-@inlined
-def obstacle_gap(
-    obstacles: Obstacles, robot: Mechanism, q: Array, contacts: Contacts, a: int
-) -> float:
-    """Do what `gap_at` does, for a scene with more than a flat floor."""
     spheres = robot.spheres
+    if obstacles is None:
+        return sphere_height(spheres, q, a)
     if a >= obstacles.first_pair:
         pair = obstacles.pairs[a - obstacles.first_pair]
         return gap_of_spheres(spheres, q, pair[0], pair[1])

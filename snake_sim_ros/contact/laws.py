@@ -149,32 +149,22 @@ def sliding_disc(laws: Laws, other: OtherFriction | None, a: int, P_x: float) ->
         return laws.sliding
     if a >= other.first_pair:
         return other.pair
-    return other.peg if a >= other.first_peg else ground_disc(laws, other, P_x)
+    return other.peg if a >= other.first_peg else floor_disc(laws, other, P_x)
 
 
 @inlined
 def floor_disc(laws: Laws, other: OtherFriction | None, P_x: float) -> Disc:
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
-    return laws.sliding if other is None else ground_disc(laws, other, P_x)
-
-
-@inlined
-def ground_disc(laws: Laws, other: OtherFriction, P_x: float) -> Disc:
-    """Return the sliding friction of the ground in a scene with an `OtherFriction`."""
+    if other is None:
+        return laws.sliding
     return other.backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
 def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Contacts, a: int) -> Disc:
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
-    return sliding_disc(laws, other, a, anchored_side(contacts, a))
-
-
-@inlined
-def anchored_side(contacts: Contacts, a: int) -> float:
-    """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
     P_x = contacts.newton.anchor[a, 1]
-    return P_x if P_x != 0.0 else -contacts.newton.trial[a, 1]
+    return sliding_disc(laws, other, a, P_x if P_x != 0.0 else -contacts.newton.trial[a, 1])
 
 
 @inlined

@@ -14,7 +14,7 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.kinematics import copy_rows
@@ -35,25 +35,6 @@ GROW_SHARE = 0.15  # share of the tolerance of the path below which the next par
 References = tuple[Array, Array]  # of the joints, (n-1, 2): angles [rad] and rates [rad/s]
 
 
-class Memory(Protocol):
-    """What a method keeps of the last step at either level; see `motion.Bdf2Memory`."""
-
-    @property
-    def reference_rate(self) -> Array: ...  # noqa: D102
-
-    @property
-    def dt(self) -> Array: ...  # noqa: D102
-
-    @property
-    def span(self) -> Array: ...  # noqa: D102
-
-    @property
-    def phase(self) -> Array: ...  # noqa: D102
-
-    @property
-    def ticks(self) -> Array: ...  # noqa: D102
-
-
 @inlined
 def least_iterations(limit: int) -> int:
     """Return how many iterations a solution has if those before used up the limit of the step."""
@@ -61,7 +42,7 @@ def least_iterations(limit: int) -> int:
 
 
 @inlined
-def coefficients(dt: float, memory: Memory) -> tuple[float, float, float, float]:
+def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
@@ -75,7 +56,7 @@ def coefficients(dt: float, memory: Memory) -> tuple[float, float, float, float]
 
 
 @inlined
-def first_size(dt: float, path_tolerance: float, memory: Memory) -> int:
+def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
     """Return the ticks of the first part of a step of dt [s]."""
     if memory.phase[0] != SMOOTH:
         goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
@@ -120,7 +101,7 @@ def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
 
 @inlined
 def end_references(
-    dt: float, late: float, known: bool, reference: References, memory: Memory, to: References
+    dt: float, late: float, known: bool, reference: References, memory: Any, to: References
 ) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
@@ -139,7 +120,7 @@ def end_references(
 
 
 @inlined
-def keep_references(size: int, rate: Array, memory: Memory) -> None:
+def keep_references(size: int, rate: Array, memory: Any) -> None:
     """Keep the ticks of the next part, and the rates of the references of the step that ends."""
     memory.ticks[0] = size
     for j in range(len(rate)):
@@ -176,9 +157,7 @@ class Place(NamedTuple):
 
 
 @inlined
-def first_place(
-    dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: Memory
-) -> Place:
+def first_place(dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: Any) -> Place:
     """Return the `Place` at the start of step k, of dt [s]."""
     step = whole_step(pushes, k)
     stretch = stretch_from(pushes, step.begin, step.end, memory)
@@ -186,7 +165,7 @@ def first_place(
 
 
 @inlined
-def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Memory) -> Place:
+def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Any) -> Place:
     """Return the `Place` after a part that was taken or not, for a next one of `size` ticks."""
     stretch, done, parts = place.stretch, place.done, place.parts
     if taken:
@@ -200,7 +179,7 @@ def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: 
 
 
 @inlined
-def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Memory) -> Stretch:
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> Stretch:
     """
     Return the `Stretch` of a step from a tick on in which pushes are constant.
 

@@ -21,7 +21,6 @@ from snake_sim_ros.contact.admissible import anchor_disc
 from snake_sim_ros.contact.contacts import Contacts, SLIDING
 from snake_sim_ros.contact.laws import (
     anchored_disc,
-    anchored_side,
     changes_side,
     floor_disc,
     grip,
@@ -159,14 +158,11 @@ def sliding_law(
     """
     newton = contacts.newton
     x, y = newton.trial[a, 1], newton.trial[a, 2]
-    disc, radius = (
-        floor_disc(laws, laws.other, anchored_side(contacts, a)),
-        newton.disc_radius[a],
-    )
+    disc = anchored_disc(laws, laws.other, contacts, a)
+    radius = grip(laws.other, contacts, a) * newton.disc_radius[a]
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
-        disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y,
-        grip(laws.other, contacts, a) * radius,
-    )  # fmt: skip
+        disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y, radius
+    )
     newton.law_impulse[a, 1], newton.law_impulse[a, 2] = P_x, P_y
     newton.S_xx[a, SLIDING], newton.S_xy[a, SLIDING], newton.S_yy[a, SLIDING] = (
         S_xx,

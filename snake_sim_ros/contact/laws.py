@@ -9,9 +9,8 @@ normal impulse, so that one law covers contact forces and impacts. Impulses are 
 natural-map residual, by which all contact solvers are judged, measures how far that equation does
 not hold.
 
-The selection rule says which normal impulses a step takes where they are not unique:
-`selection_compliance` and `selection_center` define it in NumPy, and `apply_selection_rule` is its
-compiled form.
+The selection rule, `apply_selection_rule`, says which normal impulses a step takes where they are
+not unique. `test/oracle/contact_laws.py` has it in NumPy.
 
 Functions here take the part ``laws.other`` beside the laws themselves, as an argument `other`.
 Numba leaves out a branch on None only where an argument is None, not a field of one, and a scene
@@ -20,8 +19,6 @@ with a flat floor must not pay for the branches of other scenes.
 
 import math
 from typing import NamedTuple
-
-import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.directions import direction
@@ -471,57 +468,6 @@ def disc_residual(
     return math.sqrt((P_x - e_x) ** 2 + (P_y - e_y) ** 2) / r
 
 
-def selection_compliance(
-    compliance: float, least: float, most: float, press_speed: float = PRESS_SPEED
-) -> float:
-    """
-    Return the compliance of the selection rule in a step [1/kg].
-
-    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
-    reduced if this velocity would exceed `press_speed` for the largest normal impulse to be
-    expected, but not below `least`.
-
-    Parameters
-    ----------
-    compliance, least : float
-        Compliance of the scene, and the one that it is not reduced below [1/kg].
-    most : float
-        Largest normal impulse to be expected [N s].
-    press_speed : float
-        Velocity at which the rule may press a contact into the floor [m/s].
-
-    """
-    return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
-
-
-def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
-    """
-    Return the normal impulses about which the selection rule is compliant in a step.
-
-    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
-    contacts that carry load are at rest, they are the last impulses P_N instead, so that nothing
-    sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
-
-    Parameters
-    ----------
-    P_N : ndarray, shape (m,)
-        Last normal impulses [N s].
-    gamma : ndarray, shape (m, 3)
-        Normal and sliding velocities at the start of the step [m/s].
-    weight : float
-        Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        [N s]
-
-    """
-    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) > REST_SPEED:
-        return np.zeros(len(P_N))
-    return np.minimum(P_N, IMPACT_WEIGHTS * max(0.0, weight))
-
-
 @inlined
 def apply_selection_rule(
     laws: Laws,
@@ -534,12 +480,14 @@ def apply_selection_rule(
     """
     Fill the selection centers, and return the laws with the compliance of this step.
 
-    Deviation: the compliance moves a contact into the floor, see `selection_compliance`. The
-    largest normal impulse to be expected is the last one of a contact, or twice the impulse that
-    stops its link alone plus half the weight of the link.
+    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
+    reduced if this velocity would be too fast for the largest normal impulse to be expected, but
+    not below `least_compliance`. That impulse is the last one of a contact, or twice the impulse
+    that stops its link alone plus half the weight of the link.
 
-    Deviation: at rest the rule selects the impulses next to the last ones instead of those of
-    least norm, see `selection_center`.
+    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
+    contacts that carry load are at rest, they are the last impulses instead, so that nothing sinks
+    or creeps. They exclude impulses of impacts, which would make bodies bounce.
 
     Parameters
     ----------

@@ -214,12 +214,12 @@ def close_step(
         to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
-            copy_rows(q_before, q)
+            copy_rows(q_before, q, 7)
             return depth_before
         if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
             break
         before, depth_before = worst, depth
-        copy_rows(q, q_before)
+        copy_rows(q, q_before, 7)
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
         close_joints(model.drift_correction, robot.places, robot.mass, furthest, q)

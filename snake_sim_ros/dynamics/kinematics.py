@@ -145,10 +145,10 @@ def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
 
 
 @inlined
-def copy_rows(array: Array, to: Array) -> None:
-    """Copy a matrix, such as coordinates (n, 7)."""
+def copy_rows(array: Array, to: Array, columns: int) -> None:
+    """Copy a matrix of a number of columns, which the compiler knows, such as coordinates."""
     for i in range(len(array)):
-        for k in range(array.shape[1]):
+        for k in range(columns):
             to[i, k] = array[i, k]
 
 

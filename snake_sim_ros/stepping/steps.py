@@ -134,8 +134,8 @@ def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) ->
     record = steps.record
     row = sampled_row(k, record)
     if row >= 0:
-        copy_rows(steps.q, record.q[row])
-        copy_rows(steps.u, record.u[row])
+        copy_rows(steps.q, record.q[row], 7)
+        copy_rows(steps.u, record.u[row], 6)
         keep_forces(row, applied, dt, span, steps.history, record)
 
 

@@ -131,9 +131,9 @@ def keep_references(size: int, rate: Array, memory: Any) -> None:
 @inlined
 def copy_history(history: History, to: History) -> None:
     """Copy impulses, velocities and changes of the contacts."""
-    copy_rows(history.impulse, to.impulse)
-    copy_rows(history.velocity, to.velocity)
-    copy_rows(history.change, to.change)
+    copy_rows(history.impulse, to.impulse, 5)
+    copy_rows(history.velocity, to.velocity, 5)
+    copy_rows(history.change, to.change, 5)
 
 
 # ---- pushes divide steps ----

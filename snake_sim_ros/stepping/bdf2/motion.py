@@ -58,9 +58,9 @@ def keep(motion: Motion, to: Motion) -> None:
     """Copy a state."""
     for k in range(7):
         to.pose[k] = motion.pose[k]
-    copy_rows(motion.angle, to.angle)
-    copy_rows(motion.rate, to.rate)
-    copy_rows(motion.u, to.u)
+    copy_rows(motion.angle, to.angle, 2)
+    copy_rows(motion.rate, to.rate, 2)
+    copy_rows(motion.u, to.u, 6)
 
 
 @inlined
@@ -249,8 +249,8 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
 @inlined
 def keep_state(q: Array, u: Array, q_to: Array, u_to: Array) -> None:
     """Copy q (n, 7) and u (n, 6) to q_to and u_to."""
-    copy_rows(q, q_to)
-    copy_rows(u, u_to)
+    copy_rows(q, q_to, 7)
+    copy_rows(u, u_to, 6)
 
 
 @compiled

@@ -348,7 +348,7 @@ def take_part(
     for j in range(len(work.applied)):
         for k in range(2):
             work.applied[j, k] *= model.dt / part.h
-    copy_rows(own.moving.angle, own.end.angle)
+    copy_rows(own.moving.angle, own.end.angle, 2)
     for k in range(7):
         own.end.pose[k] = own.moving.pose[k]
     if part.found.jumps:

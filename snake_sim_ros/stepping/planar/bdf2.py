@@ -147,7 +147,7 @@ def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
     to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
     for i in range(len(motion.heading)):
         to.heading[i] = motion.heading[i]
-    copy_rows(motion.u, to.u)
+    copy_rows(motion.u, to.u, 3)
 
 
 @inlined
@@ -160,7 +160,7 @@ def recognize_in_plane(
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y
     for i in range(len(u)):
         end.heading[i] = q[2 + i]
-    copy_rows(u, end.u)
+    copy_rows(u, end.u, 3)
     memory.phase[0] = ANEW if starts_anew(model, work, q, u) else UNKNOWN
     memory.ticks[0] = 0.0
 
@@ -348,7 +348,7 @@ def take_planar(
     """Move to the end of a part of length dt [s]."""
     keep_planar(memory.end, memory.start)
     keep_planar(own.hat, memory.end)
-    copy_rows(own.end.u, memory.end.u)
+    copy_rows(own.end.u, memory.end.u, 3)
     move_planar(model, part.h_q, own.moving, memory.end)
     for j in range(len(work.applied)):
         for axis in range(2):
@@ -405,7 +405,7 @@ def fill_state(model: PlanarModel, end: PlanarMotion, steps: Steps) -> None:
     q, u = steps.q, steps.u
     for i in range(len(u)):
         q[2 + i] = end.heading[i]
-    copy_rows(end.u, u)
+    copy_rows(end.u, u, 3)
     held_x, held_y = held_point(model, q)
     q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
 

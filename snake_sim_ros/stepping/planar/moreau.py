@@ -359,7 +359,7 @@ def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: St
     if row >= 0:
         for i in range(len(steps.q)):
             record.q[row, i] = steps.q[i]
-        copy_rows(steps.u, record.u[row])
+        copy_rows(steps.u, record.u[row], 3)
         keep_forces(row, applied, dt, span, steps.history, record)
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from oracle import make_stepper, moreau
+from oracle.contact_laws import selection_center, selection_compliance
 
 from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.parameters import Array

@@ -14,7 +14,15 @@ import math
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import end_twists
-from snake_sim_ros.contact.laws import Disc, grip, Laws, natural_map, rolling_disc, sliding_disc
+from snake_sim_ros.contact.laws import (
+    Disc,
+    grip,
+    Laws,
+    natural_map,
+    prox_scaled,
+    rolling_disc,
+    sliding_disc,
+)
 from snake_sim_ros.contact.problem import Outcome, Problem
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
@@ -40,10 +48,7 @@ def anchor_disc(disc: Disc, contacts: Contacts, a: int, radius: float) -> None:
     newton = contacts.newton
     k = disc.column
     x, y = disc.over_x * newton.iterate[a, k], disc.over_y * newton.iterate[a, k + 1]
-    square = x * x + y * y
-    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
-    newton.anchor[a, k] = disc.mu_x * shrink * x
-    newton.anchor[a, k + 1] = disc.mu_y * shrink * y
+    newton.anchor[a, k], newton.anchor[a, k + 1], _ = prox_scaled(disc, x, y, radius)
 
 
 @inlined

@@ -23,14 +23,13 @@ from typing import Protocol
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate
 from snake_sim_ros.contact.detection import gap_at, Obstacles, penetration
-from snake_sim_ros.contact.linear_problem import solve_linear
-from snake_sim_ros.contact.newton import Operator
+from snake_sim_ros.contact.linear_problem import Operator, solve_linear
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
-from snake_sim_ros.dynamics.kinematics import keep_coordinates
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array
 
@@ -215,12 +214,12 @@ def close_step(
         to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
         worst = max(worst, depth)
         if worst > GAP_GROWTH * before:
-            keep_coordinates(q_before, q)
+            copy_rows(q_before, q, 7)
             return depth_before
         if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
             break
         before, depth_before = worst, depth
-        keep_coordinates(q, q_before)
+        copy_rows(q, q_before, 7)
         close_on_links(problem, 1.0)
         move_links(chain.twist, center, q)
         close_joints(model.drift_correction, robot.places, robot.mass, furthest, q)

@@ -31,7 +31,14 @@ from snake_sim_ros.dynamics.kinematics import (
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
-from snake_sim_ros.scene.obstacles import first_pair, first_peg, is_flat, pair_contacts
+from snake_sim_ros.scene.obstacles import (
+    first_pair,
+    first_peg,
+    is_flat,
+    pair_contacts,
+    STEEP,
+    UPRIGHT,
+)
 from snake_sim_ros.scene.parameters import Array, Scene
 
 Two = tuple[float, float]
@@ -49,8 +56,8 @@ def fill_contact_frame(frame: Array, normal: Three, axis: Three) -> None:
     nx, ny, nz = normal
     x, y, z = tangential_part(normal, axis)
     square = x * x + y * y + z * z
-    if square <= 1e-12:
-        steep = abs(nx) > 0.7
+    if square <= UPRIGHT * UPRIGHT:
+        steep = abs(nx) > STEEP
         x, y, z = tangential_part(normal, (0.0 if steep else 1.0, 1.0 if steep else 0.0, 0.0))
         square = x * x + y * y + z * z
     scale = 1.0 / math.sqrt(square)
@@ -90,7 +97,7 @@ def make_patches(scene: Scene) -> Patches:
 
 
 @inlined
-def patch_factor(patches: Any, x: float, y: float) -> float:
+def patch_factor(patches: Patches, x: float, y: float) -> float:
     """Return the factor of friction at a point (x, y) of I [m], 1 outside the patches."""
     row = math.floor((y - patches.origin_y) / patches.cell)
     column = math.floor((x - patches.origin_x) / patches.cell)
@@ -101,7 +108,7 @@ def patch_factor(patches: Any, x: float, y: float) -> float:
 
 @inlined
 def fill_grip(
-    patches: Any, contacts: Contacts, a: int, place: tuple[float, float], own: float
+    patches: Patches, contacts: Contacts, a: int, place: tuple[float, float], own: float
 ) -> None:
     """Fill the grip of contact a, of a sphere above a place of I [m], with a factor of its own."""
     contacts.geometry.grip[a] = own * patch_factor(patches, place[0], place[1])
@@ -222,7 +229,7 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
             geometry.gap[a] = gap
             solution.shift[a] = 0.0
             c = math.sqrt(x * x + y * y)
-            flat = c > 1e-6
+            flat = c > UPRIGHT
             geometry.heading[a, 0] = x / c if flat else 1.0
             geometry.heading[a, 1] = y / c if flat else 0.0
             geometry.point[a, 0] = center[i, 0] + carried_part(straight, R, i, place, a, 0)
@@ -299,18 +306,15 @@ def find_peg_contacts(
     closed, contacts, frame = found.closed, found.contacts, found.frame
     geometry = contacts.geometry
     for c in range(part[0], part[1]):
-        i, half, radius = capsules.link[c], capsules.half[c], capsules.radius[c]
+        i, radius = capsules.link[c], capsules.radius[c]
         lever, axis = carried_in(R, i, capsules.center, c), carried_in(R, i, capsules.axis, c)
         middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
         for k in range(len(obstacles.pegs)):
-            px, py, peg_radius = obstacles.pegs[k, 0], obstacles.pegs[k, 1], obstacles.pegs[k, 2]
             a = obstacles.first_peg + k * len(capsules.link) + c
-            reach = half + radius + peg_radius + tolerance
             asked = geometry.takes_part[a] == 1
-            if not asked and (px - middle[0]) ** 2 + (py - middle[1]) ** 2 > reach * reach:
+            if not asked and is_beyond(tolerance, obstacles.pegs, capsules, middle, c, k):
                 continue
-            arm, distance, nx, ny = peg_contact(middle, (axis[0], axis[1]), half, (px, py))
-            gap = distance - peg_radius - radius
+            gap, arm, nx, ny = at_peg(obstacles.pegs, capsules, middle, (axis[0], axis[1]), c, k)
             if gap <= tolerance or asked:
                 closed[count] = a
                 count += 1
@@ -418,7 +422,7 @@ def peg_contact(
     axis_x, axis_y = axis
     apart_x, apart_y = peg[0] - link[0], peg[1] - link[1]
     square = axis_x * axis_x + axis_y * axis_y
-    along = (apart_x * axis_x + apart_y * axis_y) / square if square > 1e-12 else 0.0
+    along = (apart_x * axis_x + apart_y * axis_y) / square if square > UPRIGHT * UPRIGHT else 0.0
     arm = min(max(along, -half), half)
     dx, dy = arm * axis_x - apart_x, arm * axis_y - apart_y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -519,15 +523,9 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
         Link centers [m, frame I] and unit Euler parameters.
 
     """
-    if obstacles is None:
-        return floor_penetration(robot.spheres, q)
-    return obstacle_penetration(obstacles, robot, q)
-
-
-@inlined
-def obstacle_penetration(obstacles: Obstacles, robot: Mechanism, q: Array) -> float:
-    """Return how deep the robot is in the ground, in a peg or in itself [m], 0 if it is not."""
     spheres, lowest = robot.spheres, 0.0
+    if obstacles is None:
+        return floor_penetration(spheres, q)
     for s in range(len(spheres.link)):
         for k in range(4):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
@@ -565,11 +563,29 @@ def from_above(capsules: Capsules, q: Array, c: int) -> tuple[Two, Two]:
 
 
 @inlined
+def at_peg(
+    pegs: Array, capsules: Capsules, middle: Two, axis: Two, c: int, k: int
+) -> tuple[float, float, float, float]:
+    """Return the gap of capsule c, see `from_above`, to peg k [m]; rest as from `peg_contact`."""
+    peg = pegs[k, 0], pegs[k, 1]
+    arm, distance, nx, ny = peg_contact(middle, axis, capsules.half[c], peg)
+    return distance - pegs[k, 2] - capsules.radius[c], arm, nx, ny
+
+
+@inlined
 def gap_to_peg(pegs: Array, capsules: Capsules, middle: Two, axis: Two, c: int, k: int) -> float:
     """Return the gap of capsule c, see `from_above`, to peg k [m]."""
-    peg = pegs[k, 0], pegs[k, 1]
-    _, distance, _, _ = peg_contact(middle, axis, capsules.half[c], peg)
-    return distance - pegs[k, 2] - capsules.radius[c]
+    gap, _, _, _ = at_peg(pegs, capsules, middle, axis, c, k)
+    return gap
+
+
+@inlined
+def is_beyond(
+    tolerance: float, pegs: Array, capsules: Capsules, middle: Two, c: int, k: int
+) -> bool:
+    """Return whether capsule c is too far from peg k for a gap of `tolerance` [m]."""
+    reach = capsules.half[c] + capsules.radius[c] + pegs[k, 2] + tolerance
+    return (pegs[k, 0] - middle[0]) ** 2 + (pegs[k, 1] - middle[1]) ** 2 > reach * reach
 
 
 @inlined
@@ -595,17 +611,9 @@ def gap_at(
     Parameters are those of `penetration`, with the contacts: their links are read for
     contacts that have frames.
     """
-    if obstacles is None:
-        return sphere_height(robot.spheres, q, a)
-    return obstacle_gap(obstacles, robot, q, contacts, a)
-
-
-@inlined
-def obstacle_gap(
-    obstacles: Obstacles, robot: Mechanism, q: Array, contacts: Contacts, a: int
-) -> float:
-    """Do what `gap_at` does, for a scene with more than a flat floor."""
     spheres = robot.spheres
+    if obstacles is None:
+        return sphere_height(spheres, q, a)
     if a >= obstacles.first_pair:
         pair = obstacles.pairs[a - obstacles.first_pair]
         return gap_of_spheres(spheres, q, pair[0], pair[1])

@@ -9,9 +9,8 @@ normal impulse, so that one law covers contact forces and impacts. Impulses are 
 natural-map residual, by which all contact solvers are judged, measures how far that equation does
 not hold.
 
-The selection rule says which normal impulses a step takes where they are not unique:
-`selection_compliance` and `selection_center` define it in NumPy, and `apply_selection_rule` is its
-compiled form.
+The selection rule, `apply_selection_rule`, says which normal impulses a step takes where they are
+not unique. `test/oracle/contact_laws.py` has it in NumPy.
 
 Functions here take the part ``laws.other`` beside the laws themselves, as an argument `other`.
 Numba leaves out a branch on None only where an argument is None, not a field of one, and a scene
@@ -19,9 +18,7 @@ with a flat floor must not pay for the branches of other scenes.
 """
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.directions import direction
@@ -34,6 +31,10 @@ FRICTIONLESS = 1e-100  # coefficients whose squares would underflow count as zer
 PRESS_SPEED = 5e-7  # velocity at which the selection rule may press a contact into the floor [m/s]
 IMPACT_WEIGHTS = 10.0  # an impulse of more weights of the robot in a step is that of an impact
 REST_SPEED = 1e-6  # velocity up to which a contact that carries load is at rest [m/s]
+SELECTING = 1e-2  # the rule selects from this compliance on, relative to the proximal point method
+# A step of the projection on an ellipse that is smaller, relative to the result, is the last one:
+# its square is below rounding.
+LAST_STEP = 1e-8
 LEAST_COMPLIANCE = 1e-6  # the rule is not reduced below it; relative to the Delassus operator
 
 
@@ -145,32 +146,22 @@ def sliding_disc(laws: Laws, other: OtherFriction | None, a: int, P_x: float) ->
         return laws.sliding
     if a >= other.first_pair:
         return other.pair
-    return other.peg if a >= other.first_peg else ground_disc(laws, other, P_x)
+    return other.peg if a >= other.first_peg else floor_disc(laws, other, P_x)
 
 
 @inlined
-def floor_disc(laws: Laws, other: Any, P_x: float) -> Disc:
+def floor_disc(laws: Laws, other: OtherFriction | None, P_x: float) -> Disc:
     """Return the sliding friction of a contact with the ground, as `sliding_disc` does."""
-    return laws.sliding if other is None else ground_disc(laws, other, P_x)
-
-
-@inlined
-def ground_disc(laws: Laws, other: OtherFriction, P_x: float) -> Disc:
-    """Return the sliding friction of the ground in a scene with an `OtherFriction`."""
+    if other is None:
+        return laws.sliding
     return other.backward if P_x > 0.0 else laws.sliding
 
 
 @inlined
 def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Contacts, a: int) -> Disc:
     """Return the sliding friction of contact a for its anchor or, from 0, against its trial."""
-    return sliding_disc(laws, other, a, anchored_side(contacts, a))
-
-
-@inlined
-def anchored_side(contacts: Contacts, a: int) -> float:
-    """Return a number with the sign of the anchor along the link or, from 0, against the trial."""
     P_x = contacts.newton.anchor[a, 1]
-    return P_x if P_x != 0.0 else -contacts.newton.trial[a, 1]
+    return sliding_disc(laws, other, a, P_x if P_x != 0.0 else -contacts.newton.trial[a, 1])
 
 
 @inlined
@@ -258,6 +249,24 @@ def add_viscous_friction(
 
 
 @inlined
+def selects(laws: Laws) -> bool:
+    """Return whether the selection rule makes normal impulses unique, without a proximal point."""
+    return laws.compliance > SELECTING * laws.proximal_compliance
+
+
+@inlined
+def rolls(laws: Laws) -> bool:
+    """Return whether any contact has rolling friction."""
+    return laws.rolling.mu_x > 0.0
+
+
+@inlined
+def impulse_width(laws: Laws) -> int:
+    """Return how many components of an impulse take part: 3, or 5 with rolling friction."""
+    return 5 if rolls(laws) else 3
+
+
+@inlined
 def rolling_disc(laws: Laws, other: OtherFriction | None, a: int) -> Disc:
     """Return the rolling friction of contact a."""
     if other is None:
@@ -278,6 +287,20 @@ def prox_disc(x: float, y: float, radius: float) -> tuple[float, float]:
     if length <= radius:
         return x, y
     return x * radius / length, y * radius / length
+
+
+@inlined
+def prox_scaled(disc: Disc, x: float, y: float, radius: float) -> tuple[float, float, bool]:
+    """
+    Return the impulse in a scaled disc that is next to a scaled one, and whether it is that one.
+
+    The components x and y are those of ``S^-1 P``, S = diag(mu_x, mu_y) [N s]; the impulse that
+    is returned is P. What is next to it in the scaled plane is on the ellipse, too, but it is not
+    `prox_ellipse`, unless the ellipse is a disc.
+    """
+    square = x * x + y * y
+    shrink = 1.0 if square <= radius * radius else radius / math.sqrt(square)
+    return disc.mu_x * shrink * x, disc.mu_y * shrink * y, shrink == 1.0
 
 
 @compiled
@@ -302,7 +325,7 @@ def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
     ux, uy = a * abs(scale * x), b * abs(scale * y)
     t = max(ux - aa, uy - bb, 0.0)
     step = math.inf
-    while step > 1e-8 * (t + min(aa, bb)):  # the square of a smaller one is below rounding
+    while step > LAST_STEP * (t + min(aa, bb)):
         over_a, over_b = 1.0 / (t + aa), 1.0 / (t + bb)
         p, q = (ux * over_a) ** 2, (uy * over_b) ** 2
         square = p + q
@@ -339,7 +362,7 @@ def natural_map(
 
     """
     solution = contacts.solution
-    if enough > 0.0 and laws.rolling.mu_x <= 0.0:
+    if enough > 0.0 and not rolls(laws):
         residual, printed = sliding_bound(laws, laws.other, closed, contacts)
         if residual <= enough:
             return residual, printed
@@ -356,7 +379,7 @@ def natural_map(
         P, gamma = (P_x, solution.impulse[a, 2]), (gamma_x, solution.gamma[a, 2])
         slide = disc_residual(P, gamma, disc, radius, laws.r_T, enough)
         tangential = max(tangential, slide)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             disc = rolling_disc(laws, laws.other, a)
             P = solution.impulse[a, 3], solution.impulse[a, 4]
             gamma = solution.gamma[a, 3], solution.gamma[a, 4]
@@ -399,8 +422,8 @@ def sliding_bound(
         else:  # as in disc_residual; its second part is shorter than its first
             e_x = P_x * over_x - weight * mu_x * gamma_x
             e_y = P_y * over_y - weight * mu_y * gamma_y
-            shrink = min(1.0, max(0.0, P_N) / math.sqrt(e_x * e_x + e_y * e_y))
-            d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+            e_x, e_y, _ = prox_scaled(laws.sliding, e_x, e_y, max(0.0, P_N))
+            d_x, d_y = P_x - e_x, P_y - e_y
             slip = max(slip, d_x * d_x + d_y * d_y)
     share = 2.0 - (lowest * min(over_x, over_y)) ** 2
     tangential = max(math.sqrt(stick), share * math.sqrt(slip) / r)
@@ -435,65 +458,14 @@ def disc_residual(
         weight = r * highest * highest
         e_x = P_x * over_x - weight * mu_x * gamma_x
         e_y = P_y * over_y - weight * mu_y * gamma_y
-        shrink = min(1.0, bound / math.sqrt(e_x * e_x + e_y * e_y))
-        d_x, d_y = P_x - mu_x * shrink * e_x, P_y - mu_y * shrink * e_y
+        e_x, e_y, _ = prox_scaled(disc, e_x, e_y, bound)
+        d_x, d_y = P_x - e_x, P_y - e_y
         b_x, b_y = (1.0 - (lowest * over_x) ** 2) * d_x, (1.0 - (lowest * over_y) ** 2) * d_y
         misfit = (math.sqrt(d_x * d_x + d_y * d_y) + math.sqrt(b_x * b_x + b_y * b_y)) / r
         if misfit <= enough:
             return misfit
     e_x, e_y = prox_ellipse(x, y, mu_x * bound, mu_y * bound)
     return math.sqrt((P_x - e_x) ** 2 + (P_y - e_y) ** 2) / r
-
-
-def selection_compliance(
-    compliance: float, least: float, most: float, press_speed: float = PRESS_SPEED
-) -> float:
-    """
-    Return the compliance of the selection rule in a step [1/kg].
-
-    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
-    reduced if this velocity would exceed `press_speed` for the largest normal impulse to be
-    expected, but not below `least`.
-
-    Parameters
-    ----------
-    compliance, least : float
-        Compliance of the scene, and the one that it is not reduced below [1/kg].
-    most : float
-        Largest normal impulse to be expected [N s].
-    press_speed : float
-        Velocity at which the rule may press a contact into the floor [m/s].
-
-    """
-    return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
-
-
-def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
-    """
-    Return the normal impulses about which the selection rule is compliant in a step.
-
-    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
-    contacts that carry load are at rest, they are the last impulses P_N instead, so that nothing
-    sinks or creeps. They exclude impulses of impacts, which would make bodies bounce.
-
-    Parameters
-    ----------
-    P_N : ndarray, shape (m,)
-        Last normal impulses [N s].
-    gamma : ndarray, shape (m, 3)
-        Normal and sliding velocities at the start of the step [m/s].
-    weight : float
-        Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        [N s]
-
-    """
-    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) > REST_SPEED:
-        return np.zeros(len(P_N))
-    return np.minimum(P_N, IMPACT_WEIGHTS * max(0.0, weight))
 
 
 @inlined
@@ -508,12 +480,14 @@ def apply_selection_rule(
     """
     Fill the selection centers, and return the laws with the compliance of this step.
 
-    Deviation: the compliance moves a contact into the floor, see `selection_compliance`. The
-    largest normal impulse to be expected is the last one of a contact, or twice the impulse that
-    stops its link alone plus half the weight of the link.
+    Deviation: the rule moves a contact into the floor at ``compliance P_N``. The compliance is
+    reduced if this velocity would be too fast for the largest normal impulse to be expected, but
+    not below `least_compliance`. That impulse is the last one of a contact, or twice the impulse
+    that stops its link alone plus half the weight of the link.
 
-    Deviation: at rest the rule selects the impulses next to the last ones instead of those of
-    least norm, see `selection_center`.
+    Deviation: the centers are 0, so that the rule selects the impulses of least norm. While all
+    contacts that carry load are at rest, they are the last impulses instead, so that nothing sinks
+    or creeps. They exclude impulses of impacts, which would make bodies bounce.
 
     Parameters
     ----------

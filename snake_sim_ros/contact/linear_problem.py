@@ -32,7 +32,7 @@ digits.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,16 @@ from snake_sim_ros.contact.delassus import (
     fill_wrenches,
 )
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
-from snake_sim_ros.contact.laws import anchored_disc, Disc, grip, Laws, rolling_disc
+from snake_sim_ros.contact.laws import (
+    anchored_disc,
+    Disc,
+    grip,
+    impulse_width,
+    Laws,
+    rolling_disc,
+    rolls,
+    selects,
+)
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
@@ -87,7 +96,7 @@ def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
         )
         radius, follow = factor * radius, factor * follow
         linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
 
 
@@ -112,9 +121,7 @@ def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[
         Minus the derivative of P_N with respect to gamma_N [kg].
 
     """
-    proximal = (
-        0.0 if laws.compliance > 1e-2 * laws.proximal_compliance else laws.proximal_compliance
-    )
+    proximal = 0.0 if selects(laws) else laws.proximal_compliance
     stiffness = 1.0 / (laws.compliance + proximal)
     P_N = stiffness * (laws.compliance * center + proximal * anchor - gamma)
     return (P_N, stiffness) if P_N > 0.0 else (0.0, 0.0)
@@ -432,6 +439,16 @@ def make_reduced(rows: int) -> Reduced:
     )
 
 
+class Operator(NamedTuple):
+    """The Delassus operator of few contacts, and arrays for linear problems on it."""
+
+    delassus: Delassus
+    reduced: Reduced
+    most: int  # largest number of contacts that are condensed
+    swept: int  # how often sweeps over the contacts are tried
+    is_condensed: Array  # (1,) 1 if the contacts of this step are
+
+
 @inlined
 def reduced_step(
     laws: Laws, closed: Array, contacts: Contacts, delassus: Delassus, reduced: Reduced
@@ -454,7 +471,7 @@ def reduced_step(
         Whether the solution is finite.
 
     """
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     count = reduce_laws(laws, closed, contacts, reduced)
     held_velocities(closed, width, contacts, delassus, reduced)
     fill_responses(count, closed, width, contacts, delassus.operator, reduced)
@@ -493,7 +510,7 @@ def reduce_laws(laws: Laws, closed: Array, contacts: Contacts, reduced: Reduced)
         bound = Bound(radius, grip(laws.other, contacts, a), normal)
         disc = anchored_disc(laws, laws.other, contacts, a)
         count = reduce_disc(disc, contacts, a, bound, count, reduced)
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             disc = rolling_disc(laws, laws.other, a)
             count = reduce_disc(disc, contacts, a, bound, count, reduced)
     return count
@@ -688,7 +705,7 @@ def expand(count: int, closed: Array, width: int, contacts: Contacts, reduced: R
 
 
 @inlined
-def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bool]:
+def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tuple[bool, bool]:
     """
     Fill velocities and impulses with the solution for the laws linear about the trial velocities.
 
@@ -725,7 +742,7 @@ def linear_step(problem: Problem, operator: Any, always: bool) -> tuple[bool, bo
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
     laws, closed, contacts, chain = problem
-    rolling = laws.rolling.mu_x > 0.0
+    rolling = rolls(laws)
     reset_chain(chain)
     single = closed[: count_single(closed, contacts, chain.pair_delassus)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)

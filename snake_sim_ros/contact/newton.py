@@ -39,9 +39,12 @@ from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
     grip,
+    impulse_width,
     Laws,
     natural_map,
     rolling_disc,
+    rolls,
+    selects,
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import (
@@ -50,7 +53,7 @@ from snake_sim_ros.contact.linear_problem import (
     list_pairs_last,
     make_reduced,
     normal_law,
-    Reduced,
+    Operator,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
@@ -65,6 +68,13 @@ USUAL_TOLERANCE = 1e-9  # a larger one relaxes the accuracy of the loads, too [m
 # friction acts along a normal there, as it does where a link is wedged.
 FEW = 1
 FEW_ON_FLOOR = 2
+# Residuals above so many tolerances are those of an iteration that is far from the solution, where
+# the line between two iterates is searched; below, rounding decides.
+FAR_RESIDUAL = 1e3
+CONVERGES = 0.95  # an iteration that leaves a larger share of the residual does not converge
+# A line search ends at this share of the smaller slope of both ends, and after so many points: the
+# next iteration goes on from there, for which a better point gains little.
+FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
 REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
@@ -73,19 +83,15 @@ MOST_SWEPT = 2  # how often that is tried
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
+# Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the
+# steps of the radii must not be errors of the solution: their directions say how far they go.
 INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
+INEXACT, EXACT = 1e2, 0.1  # residuals of these rounds and of later ones, over the tolerance
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
-
-
-class Operator(NamedTuple):
-    """The Delassus operator of few contacts, and arrays for linear problems on it."""
-
-    delassus: Delassus
-    reduced: Reduced
-    most: int  # largest number of contacts that are condensed
-    swept: int  # how often sweeps over the contacts are tried
-    is_condensed: Array  # (1,) 1 if the contacts of this step are
+# Radius steps go one way if they repeat more than this share of the last ones: the share by which
+# the radii move is then doubled. It is halved where they turn back.
+REPEATS = 0.5
 
 
 class Newton(NamedTuple):
@@ -145,7 +151,7 @@ def law_error(
         d, along = disc_law_error(disc, contacts, a, radius, fraction)
         sliding = max(sliding, d)
         slope += along
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             d, along = disc_law_error(
                 rolling_disc(laws, laws.other, a), contacts, a, radius, fraction
             )
@@ -187,9 +193,9 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts) -> float:
     low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
     if not below < 0.0:
         return 0.0
-    enough = 0.1 * min(-below, above)
+    enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
-    for _ in range(20):
+    for _ in range(MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
         slope = law_error(laws, closed, contacts, fraction)[0]
         if abs(slope) <= enough:
@@ -261,7 +267,7 @@ def is_negligible(laws: Laws, closed: Array, contacts: Contacts, residual: float
     `laws`, `closed` and `contacts` are those of a `problem.Problem`. Without the selection rule
     the loads are not unique, and any residual is enough.
     """
-    if laws.compliance <= 1e-2 * laws.proximal_compliance:
+    if not selects(laws):
         return True
     return residual <= laws.compliance * small_load(laws, closed, contacts)
 
@@ -299,7 +305,7 @@ def friction_is_accurate(
             disc = sliding_disc(laws, laws.other, a, contacts.solution.impulse[a, 1])
             if not turns_little(disc, radius, laws.r_T, v, most):
                 return False
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
             v = speed(contacts, a, 3)
             if still < v <= residual:
                 sticking += 1
@@ -423,7 +429,7 @@ def iterate_laws(
                 if not goes_on:
                     break
         fraction = 1.0
-        is_far = residual > 1e3 * tolerance  # below, rounding decides
+        is_far = residual > FAR_RESIDUAL * tolerance
         if held or (is_far and (rounds > 0 or iterations > 1)):
             fraction = line_search(laws, closed, contacts)
         if fraction == 0.0 and not held:
@@ -435,7 +441,7 @@ def iterate_laws(
                 break
         else:
             anchor_at_iterate(laws, closed, contacts)
-            if residual < 0.95 * before and steps < MOST_COUPLED_ITERATIONS:
+            if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
@@ -472,7 +478,7 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         if held:
             begin_held(rounds, closed, contacts)
             anchor_at_iterate(laws, closed, contacts)
-            inner = 1e2 * tolerance if rounds < INEXACT_ROUNDS else 0.1 * tolerance
+            inner = held_tolerance(rounds, tolerance)
             fell_back = True
         elif rounds > 0:
             most -= HELD_ITERATIONS  # leave enough for a round with held radii
@@ -503,6 +509,12 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         else:
             held = True
     return Outcome(iterations, done, residual, printed, fell_back)
+
+
+@inlined
+def held_tolerance(rounds: int, tolerance: float) -> float:
+    """Return how well a round solves the problem with held radii, for a `tolerance` [m/s]."""
+    return (INEXACT if rounds < INEXACT_ROUNDS else EXACT) * tolerance
 
 
 @inlined
@@ -594,7 +606,7 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
         Number of the round, from 0.
 
     """
-    if rounds > 0 and along > 0.5 * before:
+    if rounds > 0 and along > REPEATS * before:
         return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
     if along < 0.0:
         return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far
@@ -623,8 +635,7 @@ def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     if operator is not None:
         operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
         if operator.is_condensed[0]:
-            width = 5 if laws.rolling.mu_x > 0.0 else 3
-            condense(closed, width, contacts, chain, operator.delassus)
+            condense(closed, impulse_width(laws), contacts, chain, operator.delassus)
 
 
 @compiled
@@ -674,5 +685,4 @@ def fill_twists(
     """Fill the twists of the links that impulses found on the operator cause."""
     if operator is not None:
         if operator.is_condensed[0]:
-            width = 5 if laws.rolling.mu_x > 0.0 else 3
-            condensed_twists(closed, width, contacts, chain, operator.delassus)
+            condensed_twists(closed, impulse_width(laws), contacts, chain, operator.delassus)

@@ -9,12 +9,14 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
 from snake_sim_ros.contact.laws import (
     grip,
+    impulse_width,
     Laws,
     natural_map,
     prox_disc,
     prox_ellipse,
     prox_half_line,
     rolling_disc,
+    rolls,
     sliding_disc,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
@@ -48,6 +50,16 @@ def forget_open(closed: Array, contacts: Contacts, impulse: Array) -> None:
 
 
 @inlined
+def prox_sliding(laws: Laws, contacts: Contacts, a: int, P_N: float) -> tuple[float, float]:
+    """Return the projection of the sliding impulse of contact a for a normal one, eq. (88)."""
+    solution, radius = contacts.solution, grip(laws.other, contacts, a) * P_N
+    x = solution.impulse[a, 1] - laws.r_T * solution.gamma[a, 1]
+    y = solution.impulse[a, 2] - laws.r_T * solution.gamma[a, 2]
+    disc = sliding_disc(laws, laws.other, a, x)
+    return prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+
+
+@inlined
 def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) -> float:
     """
     Fill `impulse` with one projection of the impulses in the table, eqs. (87)-(89).
@@ -66,16 +78,14 @@ def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) ->
         P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
         rule = laws.compliance * (P_N - solution.selection_center[a])
         new = prox_half_line(P_N - laws.r_N * (solution.gamma[a, 0] + rule))
-        radius = grip(laws.other, contacts, a) * new
-        x, y = P_x - laws.r_T * solution.gamma[a, 1], P_y - laws.r_T * solution.gamma[a, 2]
-        disc = sliding_disc(laws, laws.other, a, x)
-        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+        new_x, new_y = prox_sliding(laws, contacts, a, new)
         normal += (new - P_N) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = new, new_x, new_y
         P_x, P_y = solution.impulse[a, 3], solution.impulse[a, 4]
         new_x = new_y = 0.0
-        if laws.rolling.mu_x > 0.0:
+        if rolls(laws):
+            radius = grip(laws.other, contacts, a) * new
             new_x, new_y = prox_disc(
                 P_x - laws.r_V * solution.gamma[a, 3],
                 P_y - laws.r_V * solution.gamma[a, 4],
@@ -106,7 +116,7 @@ def solve_with_projections(
     delassus, impulse, tolerance = solver.delassus, history.impulse, laws.change_tolerance
     reset_chain(chain)
     factor_chain(chain)
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     columns = width * len(closed)
     condensed = False
     iterations, change = 0, math.inf

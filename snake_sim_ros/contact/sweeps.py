@@ -13,7 +13,16 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condensed_velocities, Delassus
-from snake_sim_ros.contact.laws import Disc, grip, Laws, prox_half_line, rolling_disc, sliding_disc
+from snake_sim_ros.contact.laws import (
+    Disc,
+    grip,
+    impulse_width,
+    Laws,
+    prox_half_line,
+    prox_scaled,
+    rolling_disc,
+    sliding_disc,
+)
 from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
@@ -79,7 +88,7 @@ def predict(laws: Laws, closed: Array, contacts: Contacts, history: ContactHisto
     iterate and anchor filled.
     """
     solution, newton = contacts.solution, contacts.newton
-    last, velocity, change = history.impulse, history.velocity, history.change
+    last, change = history.impulse, history.change
     for a in closed:
         for j in range(5):
             newton.anchor[a, j] = newton.iterate[a, j] = last[a, j]
@@ -88,12 +97,21 @@ def predict(laws: Laws, closed: Array, contacts: Contacts, history: ContactHisto
         if last[a, 0] > 0.0:
             P_N = last[a, 0] + change[a, 0]
             for k in range(1, 4, 2):
-                x, y = velocity[a, k], velocity[a, k + 1]
-                next_x, next_y = x + change[a, k], y + change[a, k + 1]
-                ahead = x * next_x + y * next_y > 0.0
-                newton.trial[a, k] = next_x if ahead else x
-                newton.trial[a, k + 1] = next_y if ahead else y
+                newton.trial[a, k], newton.trial[a, k + 1] = next_velocity(history, a, k)
         newton.trial[a, 0] = -laws.compliance * (max(0.0, P_N) - solution.selection_center[a])
+
+
+@inlined
+def next_velocity(history: ContactHistory, a: int, k: int) -> tuple[float, float]:
+    """
+    Return components k and k+1 of the velocity of contact a if they change as in the last step.
+
+    A velocity that would turn by more than a right angle is the last one: friction would stop it.
+    """
+    x, y = history.velocity[a, k], history.velocity[a, k + 1]
+    next_x, next_y = x + history.change[a, k], y + history.change[a, k + 1]
+    ahead = x * next_x + y * next_y > 0.0
+    return (next_x, next_y) if ahead else (x, y)
 
 
 @inlined
@@ -107,7 +125,7 @@ def improve(
     iterate and anchor are replaced. A contact that sticks gets a trial velocity of zero.
     """
     solution, newton = contacts.solution, contacts.newton
-    width, impulse = 5 if laws.rolling.mu_x > 0.0 else 3, newton.iterate
+    width, impulse = impulse_width(laws), newton.iterate
     rows = 0
     for a in closed:
         rows = max(rows, newton.row[a] + width)
@@ -169,11 +187,10 @@ def project_scaled(disc: Disc, sweep: Sweep, k: int, a: int, radius: float) -> b
         return False
     x = disc.over_x * impulse[a, j] - mu_x * gamma[k] / largest
     y = disc.over_y * impulse[a, j + 1] - mu_y * gamma[k + 1] / largest
-    length = math.sqrt(x * x + y * y)
-    shrink = radius / length if length > radius else 1.0
-    set_impulse(sweep, k, a, j, mu_x * shrink * x)
-    set_impulse(sweep, k + 1, a, j + 1, mu_y * shrink * y)
-    return length <= radius
+    x, y, sticks = prox_scaled(disc, x, y, radius)
+    set_impulse(sweep, k, a, j, x)
+    set_impulse(sweep, k + 1, a, j + 1, y)
+    return sticks
 
 
 @inlined
@@ -184,10 +201,9 @@ def remember(closed: Array, contacts: Contacts, history: ContactHistory) -> None
     The parameters are those of `predict`. The history of the last step is replaced by that of this
     step.
     """
-    solution, newton = contacts.solution, contacts.newton
+    solution = contacts.solution
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        newton.is_closed[a] = 1
         now = solution.impulse[a, 0] > 0.0
         before = now and last[a, 0] > 0.0
         change[a, 0] = solution.impulse[a, 0] - last[a, 0] if before else 0.0
@@ -197,8 +213,19 @@ def remember(closed: Array, contacts: Contacts, history: ContactHistory) -> None
         for j in range(5):
             last[a, j] = solution.impulse[a, j] if now else 0.0
             velocity[a, j] = solution.gamma[a, j] if now else 0.0
+    forget_others(closed, contacts, history)
+
+
+@inlined
+def forget_others(closed: Array, contacts: Contacts, history: ContactHistory) -> None:
+    """Fill the history of contacts that are not closed with 0."""
+    newton, last = contacts.newton, history.impulse
+    if len(closed) == len(last):
+        return
+    for a in closed:
+        newton.is_closed[a] = 1
     for a in range(len(last)):
         if newton.is_closed[a] == 0 and last[a, 0] > 0.0:
             for j in range(5):
-                last[a, j] = velocity[a, j] = change[a, j] = 0.0
+                last[a, j] = history.velocity[a, j] = history.change[a, j] = 0.0
         newton.is_closed[a] = 0

@@ -40,7 +40,7 @@ def contact_frame(R: Array, i: int) -> tuple[Array, Array]:
     """
     a = R[i] @ E_Z
     c = math.hypot(a[0], a[1])
-    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > 1e-6 else E_X
+    e_x = np.array([a[0] / c, a[1] / c, 0.0]) if c > obstacles.UPRIGHT else E_X
     return e_x, cross(E_Z, e_x)
 
 

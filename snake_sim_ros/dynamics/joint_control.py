@@ -21,7 +21,7 @@ Assumption: the paper has no such loop.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,8 @@ START, MIDPOINT, AVERAGE, END = range(len(PD_SCHEMES))
 def pd_law(
     scheme: int,
     dt: float,
-    start: Any,
-    mid: Any,
+    start: tuple[float, float],
+    mid: tuple[float, float],
     reference: tuple[float, float],
     gains: tuple[float, float],
 ) -> tuple[float, float]:

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
 from snake_sim_ros.dynamics.joint_drift import furthest_angles
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
@@ -99,8 +99,14 @@ def make_axis_laws(robot: Robot) -> AxisLaws:
 
 
 @inlined
-def begin_axis(laws: JointLaws, axes: AxisLaws, h: float, j: int, k: int) -> None:
-    """Fill limit, friction and bounds of axis k of joint j for a time h [s], without stops."""
+def begin_axis(laws: JointLaws, axes: AxisLaws, h: float, j: int, k: int, known: Three) -> None:
+    """
+    Fill the law of axis k of joint j for a time h [s], without stops.
+
+    `known` are torque [N m s] and damping [N m s^2] of the controller, and the rate that is
+    expected [rad/s].
+    """
+    axes.torque[j, k], axes.damping[j, k], axes.rate[j, k] = known
     axes.limit[j, k] = h * laws.torque_limit[j, k]
     axes.friction[j, k] = h * laws.friction[j, k]
     axes.viscous[j, k] = h * laws.viscous[j, k]
@@ -108,11 +114,19 @@ def begin_axis(laws: JointLaws, axes: AxisLaws, h: float, j: int, k: int) -> Non
 
 
 @inlined
-def stop_axis(laws: JointLaws, axes: AxisLaws, j: int, k: int, low: float, high: float) -> None:
-    """Bound the rate of axis k of joint j by its stops [rad/s], within what the rate may be."""
-    fastest = laws.fastest[j, k]
-    axes.low[j, k] = min(max(low, -fastest), fastest)
-    axes.high[j, k] = min(max(high, -fastest), fastest)
+def stop_at_end(
+    laws: JointLaws, axes: AxisLaws, j: int, k: int, way: tuple[float, float], h_q: float
+) -> None:
+    """
+    Bound the rate of axis k of joint j by its stops at the end, within what the rate may be.
+
+    `way` are its angles at the start, and at the end without the rate, which acts on it for a time
+    h_q [s]. A joint that is beyond its stop at the start goes no further.
+    """
+    (angle, hat), fastest = way, laws.fastest[j, k]
+    low, high = min(laws.stop[j, k, 0], angle), max(laws.stop[j, k, 1], angle)
+    axes.low[j, k] = min(max((low - hat) / h_q, -fastest), fastest)
+    axes.high[j, k] = min(max((high - hat) / h_q, -fastest), fastest)
 
 
 @inlined
@@ -129,6 +143,25 @@ def controller_impulse(axes: AxisLaws, j: int, k: int) -> float:
     """Return the impulse of the controller on axis k of joint j [N m s]."""
     P, L = axes.torque[j, k] - axes.damping[j, k] * axes.rate[j, k], axes.limit[j, k]
     return min(max(P, -L), L)
+
+
+@inlined
+def controller_impulses(
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], rate: Array, applied: Array
+) -> bool:
+    """
+    Fill the impulses of the controllers, (n-1, 2) [N m s]; return whether a joint meets a stop.
+
+    `loads` are torques and dampings, as of `joint_laws_change`, and `rate` rates of a solution.
+    """
+    (torque, damping), meets = loads, False
+    for j in range(len(rate)):
+        for k in range(2):
+            applied[j, k] = torque[j, k] - damping[j, k] * rate[j, k]
+            if laws.present:
+                applied[j, k] = controller_impulse(axes, j, k)
+                meets = meets or is_at_stop(laws, axes, j, k)
+    return meets
 
 
 @inlined
@@ -298,9 +331,7 @@ def begin_joint_laws(
     (torque, damping), laws = loads, robot.joint_laws
     for j in range(len(axes.rate)):
         for k in range(2):
-            axes.torque[j, k], axes.damping[j, k] = torque[j, k], damping[j, k]
-            axes.rate[j, k] = mid[j, k, 1]
-            begin_axis(laws, axes, dt, j, k)
+            begin_axis(laws, axes, dt, j, k, (torque[j, k], damping[j, k], mid[j, k, 1]))
             stop_at_middle(laws, axes, j, k, mid[j, k, 0])
             torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
     if laws.has_stops:
@@ -317,7 +348,7 @@ class Trial(NamedTuple):
 
 @inlined
 def joint_laws_change(
-    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Any
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Table
 ) -> bool:
     """
     Fill torques and dampings of the next solution; return whether there is one.

@@ -145,11 +145,11 @@ def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
 
 
 @inlined
-def keep_coordinates(q: Array, to: Array) -> None:
-    """Copy coordinates (n, 7)."""
-    for i in range(len(q)):
-        for k in range(7):
-            to[i, k] = q[i, k]
+def copy_rows(array: Array, to: Array, columns: int) -> None:
+    """Copy a matrix of a number of columns, which the compiler knows, such as coordinates."""
+    for i in range(len(array)):
+        for k in range(columns):
+            to[i, k] = array[i, k]
 
 
 @inlined

@@ -7,8 +7,6 @@ A vector has six numbers: a twist or a wrench. Each number may be a pair, one of
 chain; see `compilation.pair`. A symmetric matrix is the upper half of a 6x6 matrix, row by row.
 """
 
-from typing import Any
-
 from snake_sim_ros.dynamics.compilation import compiled, inlined, Pack, Packs, pair
 from snake_sim_ros.scene.parameters import Array
 
@@ -34,7 +32,7 @@ def store(A: Array, i: int, w: Six) -> None:
 
 
 @inlined
-def dot(a: Packs, b: Packs) -> Any:
+def dot(a: Packs, b: Packs) -> Pack:
     """Return a . b."""
     return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]) + (a[4] * b[4] + a[5] * b[5])
 
@@ -46,7 +44,7 @@ def add(a: Packs, b: Packs) -> Packs:
 
 
 @inlined
-def combine(x: Any, a: Packs, y: Any, b: Packs) -> Packs:
+def combine(x: Pack, a: Packs, y: Pack, b: Packs) -> Packs:
     """Return x a + y b."""
     return (
         x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2],
@@ -55,7 +53,7 @@ def combine(x: Any, a: Packs, y: Any, b: Packs) -> Packs:
 
 
 @inlined
-def scaled(x: Any, a: Packs) -> Packs:
+def scaled(x: float, a: Packs) -> Packs:
     """Return x a."""
     return x * a[0], x * a[1], x * a[2], x * a[3], x * a[4], x * a[5]
 

@@ -31,6 +31,8 @@ from snake_sim_ros.scene.rotations import cross, rotation_matrices
 
 CELLS = 4  # that a sphere may touch: below it, and its neighbors along x, along y, diagonal
 E_X, E_Y, E_Z = np.eye(3)
+UPRIGHT = 1e-6  # part of a unit vector along a link, in a plane, up to which it has no direction
+STEEP = 0.7  # component of a normal along e_x from which on e_x is no direction in its plane
 # How pictures show what has no end: the height of pegs, in contact radii, and how far boxes of the
 # ground reach below the lowest of them [m].
 PEG_HEIGHT, FOUNDATION = 4.0, 0.01
@@ -255,8 +257,8 @@ def tangents(normal: Array, axis: Array) -> tuple[Array, Array]:
 
     """
     e_x = axis - (axis @ normal) * normal
-    if np.linalg.norm(e_x) <= 1e-6:
-        axis = E_Y if abs(normal[0]) > 0.7 else E_X
+    if np.linalg.norm(e_x) <= UPRIGHT:
+        axis = E_Y if abs(normal[0]) > STEEP else E_X
         e_x = axis - (axis @ normal) * normal
     e_x = e_x / np.linalg.norm(e_x)
     return e_x, cross(normal, e_x)

@@ -15,6 +15,7 @@ from snake_sim_ros.scene.obstacles import (
     contact_geometry,
     contact_links,
     first_peg,
+    UPRIGHT,
 )
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -162,7 +163,7 @@ def forces_of_ground(
         points[k, 0], points[k, 1] = q[m, i, 0] + arm[0], q[m, i, 1] + arm[1]
         points[k, 2] = q[m, i, 2] + arm[2] - spheres.radius[a]
         length = math.sqrt(x * x + y * y)
-        c, s = (x / length, y / length) if length > 1e-6 else (1.0, 0.0)
+        c, s = (x / length, y / length) if length > UPRIGHT else (1.0, 0.0)
         P_N, P_x, P_y = impulse[m, a, 0], impulse[m, a, 1], impulse[m, a, 2]
         forces[k, 0] = (c * P_x - s * P_y) / span[m]
         forces[k, 1] = (s * P_x + c * P_y) / span[m]

@@ -11,7 +11,8 @@ from snake_sim_ros.contact.contacts import Contacts, make_contacts
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, Obstacles
 from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
-from snake_sim_ros.contact.newton import make_operator, Operator
+from snake_sim_ros.contact.linear_problem import Operator
+from snake_sim_ros.contact.newton import make_operator
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.force_directions import mean_delassus
 from snake_sim_ros.dynamics.free_chain import make_free_chain

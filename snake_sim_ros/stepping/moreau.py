@@ -41,12 +41,12 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
-    controller_impulse,
+    controller_impulses,
     joint_laws_change,
     MOST_CHANGES,
     Trial,
@@ -138,7 +138,7 @@ def begin_landing(problem: Problem, count: int, history: History) -> Problem:
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
@@ -190,18 +190,6 @@ def solve_step(
 
 
 @inlined
-def controller_impulses(model: Model, work: Workspace) -> None:
-    """Fill work.applied, the impulses of the controllers at the rates in work.axes."""
-    rate = work.axes.rate
-    for j in range(len(rate)):
-        for k in range(2):
-            if model.robot.joint_laws.present:
-                work.applied[j, k] = controller_impulse(work.axes, j, k)
-            else:
-                work.applied[j, k] = work.torque[j, k] - work.damping[j, k] * rate[j, k]
-
-
-@inlined
 def end_step(
     model: Model,
     work: Workspace,
@@ -218,7 +206,8 @@ def end_step(
     q, u, report = steps.q, steps.u, steps.report[0]
     if not turns_are_small(model.dt, work.chain.twist, report):
         return False
-    controller_impulses(model, work)
+    loads, axes = (work.torque, work.damping), work.axes
+    controller_impulses(model.robot.joint_laws, axes, loads, axes.rate, work.applied)
     end_velocities(work.chain.twist, work.R, work.center, u)
     end_coordinates(model.dt, work.q_mid, work.moving if lands else u, q)
     note_outcome(outcome, report)
@@ -233,7 +222,7 @@ def end_step(
 
 
 @inlined
-def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
+def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -244,7 +233,7 @@ def turns_are_small(dt: float, twist: Array, report: Any) -> bool:
 
 
 @inlined
-def note_joints(model: Model, q: Array, report: Any) -> None:
+def note_joints(model: Model, q: Array, report: Table) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -253,7 +242,7 @@ def note_joints(model: Model, q: Array, report: Any) -> None:
 
 @inlined
 def report_end(
-    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Any
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Table
 ) -> bool:
     """
     Report a step at its end.

@@ -87,10 +87,16 @@ def without_memory(history: History) -> History:
     return History(history.impulse, history.velocity, history.change, history.settling, None, None)
 
 
+def make_history(contacts: int) -> History:
+    """Return a history of a number of contacts, filled with zeros."""
+    impulse, velocity, change = np.zeros((3, contacts, 5))
+    return History(impulse, velocity, change, np.zeros(1))
+
+
 def empty_history(scene: Scene, memory: Any = None) -> History:
     """Return the history before the first step of a scene."""
-    zeros, control = np.zeros((3, contact_count(scene), 5)), make_control_memory(scene)
-    return History(zeros[0], zeros[1], zeros[2], np.zeros(1), control, memory)
+    control = make_control_memory(scene)
+    return make_history(contact_count(scene))._replace(control=control, memory=memory)
 
 
 def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:

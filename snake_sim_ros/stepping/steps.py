@@ -16,7 +16,8 @@ from typing import Any, cast, NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array
+from snake_sim_ros.dynamics.compilation import compiled, inlined, record_array, Table
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
@@ -82,7 +83,7 @@ class Steps(NamedTuple):
     history: History
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
-    report: Any  # (1,) a record of REPORT
+    report: Table  # (1,) a record of REPORT
     cycles: Array  # (steps+1,) time stamps before and after every step
     record: Record  # samples that the loop keeps
     pushes: PushTable  # forces from outside in these steps
@@ -133,16 +134,13 @@ def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) ->
     record = steps.record
     row = sampled_row(k, record)
     if row >= 0:
-        for i in range(len(steps.u)):
-            for j in range(7):
-                record.q[row, i, j] = steps.q[i, j]
-            for j in range(6):
-                record.u[row, i, j] = steps.u[i, j]
+        copy_rows(steps.q, record.q[row], 7)
+        copy_rows(steps.u, record.u[row], 6)
         keep_forces(row, applied, dt, span, steps.history, record)
 
 
 @inlined
-def note_outcome(outcome: Outcome, report: Any) -> None:
+def note_outcome(outcome: Outcome, report: Table) -> None:
     """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
     report.iterations += outcome.iterations
     report.unconverged += outcome.converged == 0
@@ -152,7 +150,7 @@ def note_outcome(outcome: Outcome, report: Any) -> None:
 
 
 @inlined
-def noted(report: Any) -> tuple[int, int, int, int, float, float]:
+def noted(report: Table) -> tuple[int, int, int, int, float, float]:
     """Return what `note_outcome` has added to a report."""
     return (
         report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
@@ -161,7 +159,7 @@ def noted(report: Any) -> tuple[int, int, int, int, float, float]:
 
 
 @inlined
-def take_back(before: tuple[int, int, int, int, float, float], report: Any) -> None:
+def take_back(before: tuple[int, int, int, int, float, float], report: Table) -> None:
     """Set a report back to what was `noted` before a step that is not taken."""
     report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
     report.fallbacks, report.residual_max = before[3], before[4]
@@ -169,7 +167,7 @@ def take_back(before: tuple[int, int, int, int, float, float], report: Any) -> N
 
 
 @inlined
-def iterations_left(most: int, report: Any) -> int:
+def iterations_left(most: int, report: Table) -> int:
     """
     Return the iterations that the next solution of a step may take, at least 1.
 
@@ -179,7 +177,7 @@ def iterations_left(most: int, report: Any) -> int:
 
 
 @inlined
-def count_steps(before: tuple[int, int, int, int, float, float], report: Any) -> None:
+def count_steps(before: tuple[int, int, int, int, float, float], report: Table) -> None:
     """Count the step, not its solutions, of which `before` was `noted` before the step."""
     report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
@@ -187,7 +185,7 @@ def count_steps(before: tuple[int, int, int, int, float, float], report: Any) ->
 
 
 @inlined
-def clear_report(report: Any) -> None:
+def clear_report(report: Table) -> None:
     """Empty a report, a record of REPORT."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
@@ -225,7 +223,7 @@ class Next(NamedTuple):
     angle: Array  # (steps, n-1, 2) as in `Steps` [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     settling: Array  # (1,) as in `state.History`
-    report: Any  # (1,) a record of REPORT
+    report: Table  # (1,) a record of REPORT
     pushes: PushTable  # as in `Steps`
 
 

@@ -13,6 +13,7 @@ from random_states import random_robot, random_velocities
 from snake_sim_ros import Friction, Scene, Solver, State
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
+from snake_sim_ros.contact.laws import impulse_width
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import make_operator, prepare_contacts, solve_prepared
 from snake_sim_ros.contact.problem import Problem
@@ -45,7 +46,7 @@ def operators(problem, operator, columns, free):
     """Condense the contacts; fill columns of G and free velocities from sweeps over the chain."""
     laws, closed, contacts, chain = problem
     solution = contacts.solution
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     prepare_contacts(operator, problem)
     for a in closed:
         solution.impulse[a] = 0.0

@@ -50,17 +50,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.contact_laws import falling, solve_laws, viscosity
+from oracle.contact_laws import (
+    falling,
+    selection_center,
+    selection_compliance,
+    solve_laws,
+    viscosity,
+)
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
 from snake_sim_ros.contact.detection import LANDING_SPEED
-from snake_sim_ros.contact.laws import (
-    IMPACT_WEIGHTS,
-    LEAST_COMPLIANCE,
-    selection_center,
-    selection_compliance,
-)
+from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_normals,

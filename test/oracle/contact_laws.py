@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from snake_sim_ros import Scene
-from snake_sim_ros.contact.laws import prox_ellipse
+from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, PRESS_SPEED, prox_ellipse, REST_SPEED
 from snake_sim_ros.scene.obstacles import first_peg
 from snake_sim_ros.scene.parameters import Array
 
@@ -161,3 +161,46 @@ def falling(scene: Scene, active: Array, gamma: Array) -> Array:
     share = 1.0 / (1.0 + (np.hypot(gamma[:, 1], gamma[:, 2]) / floor.stribeck_speed) ** 2)
     factor = floor.kinetic_ratio + (1.0 - floor.kinetic_ratio) * share
     return np.where(on_ground, factor, 1.0)[:, None]
+
+
+def selection_compliance(
+    compliance: float, least: float, most: float, press_speed: float = PRESS_SPEED
+) -> float:
+    """
+    Return the compliance of the selection rule in a step [1/kg]; see `apply_selection_rule`.
+
+    Parameters
+    ----------
+    compliance, least : float
+        Compliance of the scene, and the one that it is not reduced below [1/kg].
+    most : float
+        Largest normal impulse to be expected [N s].
+    press_speed : float
+        Velocity at which the rule may press a contact into the floor [m/s].
+
+    """
+    return min(compliance, max(least, press_speed / most)) if most > 0.0 else compliance
+
+
+def selection_center(P_N: Array, gamma: Array, weight: float) -> Array:
+    """
+    Return the normal impulses about which the selection rule is compliant in a step.
+
+    Parameters
+    ----------
+    P_N : ndarray, shape (m,)
+        Last normal impulses [N s].
+    gamma : ndarray, shape (m, 3)
+        Normal and sliding velocities at the start of the step [m/s].
+    weight : float
+        Weight of the robot times the step [N s]; one that points upward, below 0, counts as 0.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        [N s]
+
+    """
+    if np.abs(gamma[P_N > 0.0]).max(initial=0.0) > REST_SPEED:
+        return np.zeros(len(P_N))
+    return np.minimum(P_N, IMPACT_WEIGHTS * max(0.0, weight))

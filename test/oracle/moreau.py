@@ -18,19 +18,19 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.closing import Closing, with_closed_gaps
-from oracle.contact_laws import falling, prox_half_ellipses, viscosity
+from oracle.contact_laws import (
+    falling,
+    prox_half_ellipses,
+    selection_center,
+    selection_compliance,
+    viscosity,
+)
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
 from snake_sim_ros import Report, Scene, Solver, State
 from snake_sim_ros.contact.closing import closed_gap, DEEP
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.laws import (
-    LEAST_COMPLIANCE,
-    prox_disc,
-    prox_half_line,
-    selection_center,
-    selection_compliance,
-)
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, prox_disc, prox_half_line
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_gaps,

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from oracle import empty_history, make_stepper, ORACLE
+from oracle.contact_laws import selection_center, selection_compliance
 from oracle.moreau import middle_coordinates
 import pytest
 from scenes import (
@@ -33,7 +34,7 @@ from schemes import check_laws, of_two_states, step_of
 from snake_sim_ros import Friction, Gait, ParameterError, Report, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, selection_center, selection_compliance
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import contact_directions, mean_delassus
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.posture import gaps

@@ -17,6 +17,7 @@ import math
 from typing import Any, NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
 from snake_sim_ros.stepping.state import History
@@ -29,6 +30,9 @@ AFTER_EVENT, AT_START = 2, 4
 MOST_GROWTH = 2.0  # ratio of parts beyond which differences over the shorter one say too little
 LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
+
+
+References = tuple[Array, Array]  # of the joints, (n-1, 2): angles [rad] and rates [rad/s]
 
 
 @inlined
@@ -60,14 +64,6 @@ def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
     chosen = path_tolerance > 0.0 and memory.ticks[0] > 0.0
     size = int(memory.ticks[0]) if chosen else TICKS
     while size > 1 and dt * size > MOST_GROWTH * TICKS * memory.dt[0]:
-        size //= 2
-    return size
-
-
-@inlined
-def aligned_size(done: int, size: int) -> int:
-    """Return the ticks of a part of at most `size` that may begin after `done` ticks."""
-    while done % size != 0:
         size //= 2
     return size
 
@@ -105,22 +101,22 @@ def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
 
 @inlined
 def end_references(
-    dt: float, late: float, known: bool, reference: tuple[Array, Array], memory: Any, own: Any
+    dt: float, late: float, known: bool, reference: References, memory: Any, to: References
 ) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
 
     They are extrapolated from angles and rates at this middle, `reference`, with their mean
-    acceleration since the step before, if that is known.
+    acceleration since the step before, if that is known. `to` are filled.
     """
-    angle, rate = reference
+    (angle, rate), (end_angle, end_rate) = reference, to
     for j in range(len(angle)):
         for axis in range(2):
             change = rate[j, axis] - memory.reference_rate[j, axis]
             acceleration = change / dt if known else 0.0
-            own.end_rate[j, axis] = rate[j, axis] + late * acceleration
+            end_rate[j, axis] = rate[j, axis] + late * acceleration
             mean = rate[j, axis] + 0.5 * late * acceleration
-            own.end_angle[j, axis] = angle[j, axis] + late * mean
+            end_angle[j, axis] = angle[j, axis] + late * mean
 
 
 @inlined
@@ -133,23 +129,11 @@ def keep_references(size: int, rate: Array, memory: Any) -> None:
 
 
 @inlined
-def keep_history(history: History, kept: Array) -> None:
+def copy_history(history: History, to: History) -> None:
     """Copy impulses, velocities and changes of the contacts."""
-    for a in range(len(history.impulse)):
-        for j in range(5):
-            kept[0, a, j] = history.impulse[a, j]
-            kept[1, a, j] = history.velocity[a, j]
-            kept[2, a, j] = history.change[a, j]
-
-
-@inlined
-def restore_history(kept: Array, history: History) -> None:
-    """Copy back what `keep_history` kept."""
-    for a in range(len(history.impulse)):
-        for j in range(5):
-            history.impulse[a, j] = kept[0, a, j]
-            history.velocity[a, j] = kept[1, a, j]
-            history.change[a, j] = kept[2, a, j]
+    copy_rows(history.impulse, to.impulse, 5)
+    copy_rows(history.velocity, to.velocity, 5)
+    copy_rows(history.change, to.change, 5)
 
 
 # ---- pushes divide steps ----
@@ -163,17 +147,35 @@ class Task(NamedTuple):
     most: int  # iterations that the report is to have after it
 
 
+class Place(NamedTuple):
+    """How far a step of the scene is that is taken in parts."""
+
+    stretch: Stretch  # in which the next part is, and pushes are constant
+    done: int  # ticks of it that are taken
+    size: int  # ticks of the next part
+    parts: int  # parts that were taken
+
+
 @inlined
-def first_stretch(pushes: PushTable, k: int, memory: Any) -> Stretch:
-    """Return the first `Stretch` of step k in which pushes are constant; see `stretch_from`."""
+def first_place(dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: Any) -> Place:
+    """Return the `Place` at the start of step k, of dt [s]."""
     step = whole_step(pushes, k)
-    return stretch_from(pushes, step.begin, step.end, memory)
+    stretch = stretch_from(pushes, step.begin, step.end, memory)
+    return Place(stretch, 0, first_size(dt, path_tolerance, memory), 0)
 
 
 @inlined
-def next_stretch(pushes: PushTable, stretch: Stretch, memory: Any) -> Stretch:
-    """Return the `Stretch` in which pushes are constant after another one of the same step."""
-    return stretch_from(pushes, stretch.end, stretch.step_end, memory)
+def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Any) -> Place:
+    """Return the `Place` after a part that was taken or not, for a next one of `size` ticks."""
+    stretch, done, parts = place.stretch, place.done, place.parts
+    if taken:
+        done, parts = done + place.size, parts + 1
+        if done == TICKS and stretch.end < stretch.step_end:
+            stretch = stretch_from(pushes, stretch.end, stretch.step_end, memory)
+            done, size = 0, TICKS // AFTER_EVENT
+    while done % size != 0:  # a part begins at a multiple of its length
+        size //= 2
+    return Place(stretch, done, size, parts)
 
 
 @inlined
@@ -196,13 +198,9 @@ def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> S
 
 
 @inlined
-def part_of(stretch: Stretch, dt: float, done: int, size: int) -> tuple[float, float]:
-    """
-    Return the length of a part, and how much after the middle of the step it ends [s].
-
-    Of the TICKS equal times in the stretch, `done` were before it, and it takes `size`.
-    The step has the length dt [s].
-    """
+def part_of(place: Place, dt: float) -> tuple[float, float]:
+    """Return the length of the next part of a step of dt, and how late after its middle [s]."""
+    stretch, done, size, _ = place
     length = (stretch.end - stretch.begin) / STEP
     late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
     return dt * length * size / TICKS, dt * (late + 0.5)

@@ -20,11 +20,11 @@ from snake_sim_ros.dynamics.joint_drift import joint_violation_rate
 from snake_sim_ros.dynamics.kinematics import (
     chain_coordinates,
     chain_geometry,
+    copy_rows,
     end_velocities,
     half_rotation,
     joint_coordinates,
     joint_frames,
-    keep_coordinates,
     link_frames,
     mean_of_links,
     rates_in_inertial_frame,
@@ -34,6 +34,7 @@ from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import ANEW, coefficients, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.model import Model, Workspace
+from snake_sim_ros.stepping.state import History, make_history
 
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 
@@ -57,13 +58,9 @@ def keep(motion: Motion, to: Motion) -> None:
     """Copy a state."""
     for k in range(7):
         to.pose[k] = motion.pose[k]
-    for j in range(len(motion.angle)):
-        for k in range(2):
-            to.angle[j, k] = motion.angle[j, k]
-            to.rate[j, k] = motion.rate[j, k]
-    for i in range(len(motion.u)):
-        for k in range(6):
-            to.u[i, k] = motion.u[i, k]
+    copy_rows(motion.angle, to.angle, 2)
+    copy_rows(motion.rate, to.rate, 2)
+    copy_rows(motion.u, to.u, 6)
 
 
 @inlined
@@ -226,7 +223,7 @@ class Bdf2Arrays(NamedTuple):
     q: Array  # (n, 7) coordinates at the end
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
-    kept: Array  # (3, contacts, 5) history before a part of the step
+    kept: History  # before a part of the step
     q_start: Array  # (n, 7) state at the start of the step of the scene
     u_start: Array  # (n, 6) and its velocities [m/s, frame I], [rad/s, frame B]
 
@@ -244,7 +241,7 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
     joints = np.zeros((n - 1, 2))
     return Bdf2Arrays(
         make_motion(n), make_motion(n), make_motion(n), make_motion(n), make_motion(n),
-        np.zeros((n, 7)), joints, joints.copy(), np.zeros((3, contacts, 5)),
+        np.zeros((n, 7)), joints, joints.copy(), make_history(contacts),
         np.zeros((n, 7)), np.zeros((n, 6)),
     )  # fmt: skip
 
@@ -252,10 +249,8 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
 @inlined
 def keep_state(q: Array, u: Array, q_to: Array, u_to: Array) -> None:
     """Copy q (n, 7) and u (n, 6) to q_to and u_to."""
-    keep_coordinates(q, q_to)
-    for i in range(len(u)):
-        for k in range(6):
-            u_to[i, k] = u[i, k]
+    copy_rows(q, q_to, 7)
+    copy_rows(u, u_to, 6)
 
 
 @compiled

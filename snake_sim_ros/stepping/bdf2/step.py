@@ -41,7 +41,7 @@ The same step in dense NumPy is in `test/oracle/bdf2.py`, to read beside these e
    of any ratio "... I", 1993, ch. III.5.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import keep_closed
 from snake_sim_ros.contact.detection import find_contacts, Found, LANDING_SPEED, penetration, Pose
@@ -55,20 +55,20 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
     begin_axis_impact,
-    controller_impulse,
+    controller_impulses,
     first_law,
-    is_at_stop,
     joint_laws_change,
     JointLaws,
     MOST_CHANGES,
-    stop_axis,
+    stop_at_end,
     Trial,
 )
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.bdf2.events import (
@@ -85,20 +85,16 @@ from snake_sim_ros.stepping.bdf2.events import (
     place_end,
 )
 from snake_sim_ros.stepping.bdf2.formula import (
-    AFTER_EVENT,
-    aligned_size,
     ANEW,
+    copy_history,
     end_references,
-    first_size,
-    first_stretch,
+    first_place,
     judge_part,
-    keep_history,
     keep_references,
     least_iterations,
-    next_stretch,
+    next_place,
     part_of,
     path_error,
-    restore_history,
     SMOOTH,
     Task,
     TICKS,
@@ -145,26 +141,21 @@ def begin_axes(
     """
     Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
 
-    `angle`, shape (n-1, 2), are the joint angles at the start [rad]. A joint beyond its stop there
-    goes no further.
+    `angle`, shape (n-1, 2), are the joint angles at the start [rad].
     """
     axes, chain = work.axes, work.chain
     for j in range(len(axes.rate)):
         for k in range(2):
-            axes.torque[j, k], axes.damping[j, k] = chain.torque[j, k], chain.damping[j, 2 * k]
-            axes.rate[j, k] = own.star.rate[j, k]
-            begin_axis(laws, axes, h, j, k)
+            load = chain.torque[j, k], chain.damping[j, 2 * k]
+            begin_axis(laws, axes, h, j, k, (load[0], load[1], own.star.rate[j, k]))
             if laws.has_stops:
-                hat = own.hat.angle[j, k]
-                low = (min(laws.stop[j, k, 0], angle[j, k]) - hat) / h_q
-                high = (max(laws.stop[j, k, 1], angle[j, k]) - hat) / h_q
-                stop_axis(laws, axes, j, k, low, high)
+                stop_at_end(laws, axes, j, k, (angle[j, k], own.hat.angle[j, k]), h_q)
             chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
 
 
 @inlined
 def axes_change(
-    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Any
+    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     laws, chain = robot.joint_laws, work.chain
@@ -173,23 +164,6 @@ def axes_change(
     joint_rates(robot.places, work.frames, chain.twist, work.axes.rate)
     loads = chain.torque, chain.damping[:, ::2]
     return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
-
-
-@inlined
-def joints_meet_stops(laws: JointLaws, rate: Array, work: Workspace) -> bool:
-    """
-    Return whether joints with rates (n-1, 2) meet their stops, and fill work.applied.
-
-    These are the impulses of the controllers in a part.
-    """
-    meets, axes, chain = False, work.axes, work.chain
-    for j in range(len(rate)):
-        for k in range(2):
-            work.applied[j, k] = chain.torque[j, k] - chain.damping[j, 2 * k] * rate[j, k]
-            if laws.present:
-                work.applied[j, k] = controller_impulse(axes, j, k)
-                meets = meets or is_at_stop(laws, axes, j, k)
-    return meets
 
 
 @inlined
@@ -316,7 +290,10 @@ def solve_landing(
             continue
         keep_velocities(model.robot.places, work, own.moving)
         keep(own.moving, own.end)
-        meets = joints_meet_stops(model.robot.joint_laws, own.moving.rate, work)
+        loads = chain.torque, chain.damping[:, ::2]
+        meets = controller_impulses(
+            model.robot.joint_laws, work.axes, loads, own.moving.rate, work.applied
+        )
         find_end_gaps(terms.h_q, closed, contacts)
         found = events(model, terms.h, closed, contacts)
         if meets:
@@ -368,10 +345,10 @@ def take_part(
 ) -> None:
     """Move to the end of a `Part` of length dt [s]."""
     memory, history, report = steps.history.memory, steps.history, steps.report[0]
-    for j in range(len(own.end.rate)):
+    for j in range(len(work.applied)):
         for k in range(2):
             work.applied[j, k] *= model.dt / part.h
-            own.end.angle[j, k] = own.moving.angle[j, k]
+    copy_rows(own.moving.angle, own.end.angle, 2)
     for k in range(7):
         own.end.pose[k] = own.moving.pose[k]
     if part.found.jumps:
@@ -398,43 +375,38 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     if memory.phase[0] == SMOOTH and torques_jump(model.robot.control, steps.history.control):
         memory.phase[0] = ANEW
     known, before = memory.span[0] > 0.0, noted(report)
+    ends = own.end_angle, own.end_rate
     most = before[0] + model.iteration_limit
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
-    stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
+    place = first_place(model.dt, model.path_tolerance, steps.pushes, k, memory)
     forget_who_took_part(work.contacts)
-    while done < TICKS:
-        size = aligned_size(done, size)
-        dt, late = part_of(stretch, model.dt, done, size)
-        end_references(model.dt, late, known, (angle, rate), memory, own)
-        keep_history(steps.history, own.kept)
-        part = one_part(own, model, work, Task(dt, stretch, most), steps)
+    while place.done < TICKS:
+        dt, late = part_of(place, model.dt)
+        end_references(model.dt, late, known, (angle, rate), memory, ends)
+        copy_history(steps.history, own.kept)
+        part = one_part(own, model, work, Task(dt, place.stretch, most), steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
             return False
         error = path_error(dt, 3, own.moving.u, own.star.u)
-        is_taken, next_size = judge_part(model.path_tolerance, error, size)
+        is_taken, size = judge_part(model.path_tolerance, error, place.size)
         was_deep = memory.depth[0] > DEEP
         if report.iterations >= most:
-            is_taken, next_size = True, min(2 * size, TICKS)
+            is_taken, size = True, min(2 * place.size, TICKS)
         elif part.depth > (memory.depth[0] + model.closed_gap if was_deep else DEEP):
             if deep_contacts_take_part(model, work, own.q):
-                is_taken, next_size = False, size
-            elif size > 1:
-                is_taken, next_size = False, size // 2
+                is_taken, size = False, place.size
+            elif place.size > 1:
+                is_taken, size = False, place.size // 2
         if is_taken:
             take_part(own, model, work, dt, part, steps)
-            done, parts = done + size, parts + 1
             forget_who_took_part(work.contacts)
-            if done == TICKS and stretch.end < stretch.step_end:
-                stretch = next_stretch(steps.pushes, stretch, memory)
-                done, next_size = 0, TICKS // AFTER_EVENT
         else:
-            restore_history(own.kept, steps.history)
-        size = next_size
-    report.further_parts += parts - 1
-    keep_references(size, rate, memory)
+            copy_history(own.kept, steps.history)
+        place = next_place(place, is_taken, size, steps.pushes, memory)
+    report.further_parts += place.parts - 1
+    keep_references(place.size, rate, memory)
     count_steps(before, report)
     return report_end(model, work, steps.q, steps.u, steps.history.settling, report)
 

@@ -8,31 +8,29 @@ lands and no impulse is sudden. The only event is a state that is not the end of
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from snake_sim_ros.contact.detection import Patches
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
 from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import (
-    AFTER_EVENT,
-    aligned_size,
     ANEW,
     coefficients,
+    copy_history,
     end_references,
-    first_size,
-    first_stretch,
+    first_place,
     judge_part,
-    keep_history,
     keep_references,
     least_iterations,
-    next_stretch,
+    next_place,
     part_of,
     path_error,
-    restore_history,
     SMOOTH,
     Task,
     TICKS,
@@ -63,7 +61,7 @@ from snake_sim_ros.stepping.planar.solvers import (
     solve_planar_contacts,
 )
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane
-from snake_sim_ros.stepping.state import History, without_memory
+from snake_sim_ros.stepping.state import History, make_history, without_memory
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
@@ -109,7 +107,7 @@ class PlanarBdf2Arrays(NamedTuple):
     moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
-    kept: Array  # (3, contacts, 5) history before a part of the step
+    kept: History  # before a part of the step
     solver: PlanarNewton
 
 
@@ -138,7 +136,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
         np.zeros((n, 3)),
         angle,
         rate,
-        np.zeros((3, contacts, 5)),
+        make_history(contacts),
         PlanarNewton(),
     )
 
@@ -149,8 +147,7 @@ def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
     to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
     for i in range(len(motion.heading)):
         to.heading[i] = motion.heading[i]
-        for k in range(3):
-            to.u[i, k] = motion.u[i, k]
+    copy_rows(motion.u, to.u, 3)
 
 
 @inlined
@@ -163,8 +160,7 @@ def recognize_in_plane(
     end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y
     for i in range(len(u)):
         end.heading[i] = q[2 + i]
-        for k in range(3):
-            end.u[i, k] = u[i, k]
+    copy_rows(u, end.u, 3)
     memory.phase[0] = ANEW if starts_anew(model, work, q, u) else UNKNOWN
     memory.ticks[0] = 0.0
 
@@ -249,7 +245,7 @@ def predict_loads(
 
 @inlined
 def begin_planar_part(
-    model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Any, h: float,
+    model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, start: Array, h: float,
     h_q: float,
 ) -> None:  # fmt: skip
     """
@@ -278,7 +274,11 @@ def begin_planar_part(
 
 @inlined
 def fill_predicted_grips(
-    patches: Any, model: PlanarModel, own: PlanarBdf2Arrays, work: PlanarWorkspace, h_q: float
+    patches: Patches | None,
+    model: PlanarModel,
+    own: PlanarBdf2Arrays,
+    work: PlanarWorkspace,
+    h_q: float,
 ) -> None:
     """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
     if patches is None:
@@ -347,12 +347,8 @@ def take_planar(
 ) -> None:
     """Move to the end of a part of length dt [s]."""
     keep_planar(memory.end, memory.start)
-    for k in range(2):
-        memory.end.pose[k] = own.hat.pose[k]
-    for i in range(len(own.end.u)):
-        memory.end.heading[i] = own.hat.heading[i]
-        for k in range(3):
-            memory.end.u[i, k] = own.end.u[i, k]
+    keep_planar(own.hat, memory.end)
+    copy_rows(own.end.u, memory.end.u, 3)
     move_planar(model, part.h_q, own.moving, memory.end)
     for j in range(len(work.applied)):
         for axis in range(2):
@@ -369,40 +365,34 @@ def planar_step(
     """Take step k; return whether it was taken."""
     report, memory = steps.report[0], steps.history.memory.scheme
     angle, rate = steps.angle[k], steps.rate[k]
-    known = memory.span[0] > 0.0
+    known, ends = memory.span[0] > 0.0, (own.end_angle, own.end_rate)
     before = noted(report)
     most = before[0] + model.iteration_limit
     if memory.phase[0] == UNKNOWN:
         recognize_in_plane(model, work, steps.q, steps.u, memory)
     keep_planar(memory.end, own.before)
-    stretch = first_stretch(steps.pushes, k, memory)
-    done, parts, size = 0, 0, first_size(model.dt, model.path_tolerance, memory)
-    while done < TICKS:
-        size = aligned_size(done, size)
-        dt, late = part_of(stretch, model.dt, done, size)
-        end_references(model.dt, late, known, (angle, rate), memory, own)
+    place = first_place(model.dt, model.path_tolerance, steps.pushes, k, memory)
+    while place.done < TICKS:
+        dt, late = part_of(place, model.dt)
+        end_references(model.dt, late, known, (angle, rate), memory, ends)
         if model.path_tolerance > 0.0:
-            keep_history(steps.history, own.kept)
-        part = planar_part(own, model, work, Task(dt, stretch, most), steps)
+            copy_history(steps.history, own.kept)
+        part = planar_part(own, model, work, Task(dt, place.stretch, most), steps)
         error = path_error(dt, 2, own.moving, own.star.u)
-        taken, next_size = judge_part(model.path_tolerance, error, size)
+        taken, size = judge_part(model.path_tolerance, error, place.size)
         taken = taken or report.iterations >= most
         if not taken:
-            restore_history(own.kept, steps.history)
+            copy_history(own.kept, steps.history)
         elif is_planar(model, work, steps, part.outcome):
             take_planar(own, model, work, dt, part, memory)
-            done, parts = done + size, parts + 1
-            if done == TICKS and stretch.end < stretch.step_end:
-                stretch = next_stretch(steps.pushes, stretch, memory)
-                done, next_size = 0, TICKS // AFTER_EVENT
         else:
             keep_planar(own.before, memory.end)
             memory.phase[0] = UNKNOWN
             take_back(before, report)
             return False
-        size = next_size
-    report.further_parts += parts - 1
-    keep_references(size, rate, memory)
+        place = next_place(place, taken, size, steps.pushes, memory)
+    report.further_parts += place.parts - 1
+    keep_references(place.size, rate, memory)
     count_steps(before, report)
     report.steps += 1
     report.contacts = model.floor
@@ -415,8 +405,7 @@ def fill_state(model: PlanarModel, end: PlanarMotion, steps: Steps) -> None:
     q, u = steps.q, steps.u
     for i in range(len(u)):
         q[2 + i] = end.heading[i]
-        for k in range(3):
-            u[i, k] = end.u[i, k]
+    copy_rows(end.u, u, 3)
     held_x, held_y = held_point(model, q)
     q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
 

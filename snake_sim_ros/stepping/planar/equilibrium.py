@@ -8,7 +8,6 @@ are found as `contact.detection` finds them in space.
 """
 
 import math
-from typing import Any
 
 from snake_sim_ros.contact.closing import (
     GAP_GROWTH,
@@ -19,7 +18,15 @@ from snake_sim_ros.contact.closing import (
     predict_gaps,
 )
 from snake_sim_ros.contact.contacts import Contacts
-from snake_sim_ros.contact.detection import end_of_capsules, fill_grip, peg_contact, reach_of_step
+from snake_sim_ros.contact.detection import (
+    at_peg,
+    end_of_capsules,
+    fill_grip,
+    gap_to_peg,
+    is_beyond,
+    Patches,
+    reach_of_step,
+)
 from snake_sim_ros.contact.laws import OtherFriction, viscosity
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, HingeChain, solve_hinges
@@ -163,7 +170,7 @@ def place_links_in_plane(
 
 @inlined
 def fill_grips(
-    patches: Any, model: PlanarModel, work: PlanarWorkspace, x: float, y: float
+    patches: Patches | None, model: PlanarModel, work: PlanarWorkspace, x: float, y: float
 ) -> None:
     """
     Fill the grip of the contacts with the floor, for O at (x, y) in I [m].
@@ -284,20 +291,17 @@ def find_peg_contacts(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Ar
     geometry, solution = contacts.geometry, contacts.solution
     most = reach_of_step(model.closed_gap, 0.5 * model.dt)
     for k in range(len(model.pegs)):
-        peg_x, peg_y, peg_radius = model.pegs[k, 0], model.pegs[k, 1], model.pegs[k, 2]
         x, y = q[0] + 0.5 * model.dt * u[0, 0], q[1] + 0.5 * model.dt * u[0, 1]
         for m in range(len(capsules.link)):
             i, middle, radius = capsules.link[m], capsules.center[m, 2], capsules.radius[m]
             c, s = work.heading[i, 0], work.heading[i, 1]
-            axis_x = x + work.center[i, 0] - work.center[0, 0] + middle * c
-            axis_y = y + work.center[i, 1] - work.center[0, 1] + middle * s
-            reach = capsules.half[m] + radius + peg_radius + most
-            if (peg_x - axis_x) ** 2 + (peg_y - axis_y) ** 2 > reach * reach:
-                continue
-            arm, distance, normal_x, normal_y = peg_contact(
-                (axis_x, axis_y), (c, s), capsules.half[m], (peg_x, peg_y)
+            place = (
+                x + work.center[i, 0] - work.center[0, 0] + middle * c,
+                y + work.center[i, 1] - work.center[0, 1] + middle * s,
             )
-            gap = distance - peg_radius - radius
+            if is_beyond(most, model.pegs, capsules, place, m, k):
+                continue
+            gap, arm, normal_x, normal_y = at_peg(model.pegs, capsules, place, (c, s), m, k)
             if gap <= most:
                 a = model.first_peg + k * len(capsules.link) + m
                 work.closed[floor + count] = a
@@ -437,9 +441,7 @@ def peg_gaps(model: PlanarModel, contacts: Contacts, q: Array) -> float:
             middle = capsules.center[m, 2]
             place = q[0] + x + middle * c, q[1] + y + middle * s
             for k in range(len(model.pegs)):
-                peg = model.pegs[k, 0], model.pegs[k, 1]
-                _, distance, _, _ = peg_contact(place, (c, s), capsules.half[m], peg)
-                gap = distance - model.pegs[k, 2] - capsules.radius[m]
+                gap = gap_to_peg(model.pegs, capsules, place, (c, s), m, k)
                 contacts.solution.end_gap[model.first_peg + k * len(capsules.link) + m] = gap
                 deepest = max(deepest, -gap)
     return deepest

@@ -9,7 +9,7 @@ import numpy as np
 from snake_sim_ros.contact.contacts import Contacts, make_contacts
 from snake_sim_ros.contact.detection import make_patches, Patches
 from snake_sim_ros.contact.laws import Laws
-from snake_sim_ros.dynamics.compilation import record_array
+from snake_sim_ros.dynamics.compilation import record_array, Table
 from snake_sim_ros.dynamics.hinge_chain import HingeChain
 from snake_sim_ros.dynamics.joint_drift import CENTER_OF_MASS
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws, make_axis_laws
@@ -146,7 +146,7 @@ class PlanarWorkspace(NamedTuple):
     contacts: Contacts  # all contacts of the scene
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     moving: Array  # (n, 3) velocities that move the coordinates to the end, as `u`
-    standing: Any  # (1,) a record of STANDING
+    standing: Table  # (1,) a record of STANDING
 
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found.

@@ -34,7 +34,7 @@ from typing import Any
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis,
@@ -44,10 +44,11 @@ from snake_sim_ros.dynamics.joint_laws import (
     is_at_stop,
     joint_laws_change,
     MOST_CHANGES,
+    stop_at_end,
     stop_at_middle,
-    stop_axis,
     Trial,
 )
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     close_pegs,
@@ -88,20 +89,19 @@ def hold_absent_yaw_axes(model: PlanarModel, work: PlanarWorkspace) -> None:
 @inlined
 def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> None:
     """Begin a step of the paper from q and u with the laws of the yaw joints."""
-    laws, axes, dt = model.joint_laws, work.axes, model.dt
+    laws, axes, dt, damping = model.joint_laws, work.axes, model.dt, work.chain.damping
     for j in range(len(work.torque)):
         turn = u[j + 1, 2] - u[j, 2]
-        begin_yaw_axis(model, work, j, dt, turn)
-        angle_mid = q[3 + j] - q[2 + j] + dt / 2 * turn
-        stop_at_middle(laws, axes, j, 0, angle_mid)
-        first_yaw_law(model, work, j)
+        begin_axis(laws, axes, dt, j, 0, (work.torque[j], damping[j], turn))
+        stop_at_middle(laws, axes, j, 0, q[3 + j] - q[2 + j] + dt / 2 * turn)
+        work.torque[j], damping[j] = first_law(laws.inertia, axes, j, 0)
 
 
 @inlined
 def begin_predicted_yaw_axes(
     model: PlanarModel,
     work: PlanarWorkspace,
-    headings: tuple[Any, Any],
+    headings: tuple[Array, Array],
     u_star: Array,
     h: float,
     h_q: float,
@@ -113,32 +113,14 @@ def begin_predicted_yaw_axes(
     shape (n, 3), are the predicted velocities.
     """
     start, hat = headings
-    laws = model.joint_laws
+    laws, axes, damping = model.joint_laws, work.axes, work.chain.damping
     for j in range(len(work.torque)):
-        begin_yaw_axis(model, work, j, h, u_star[j + 1, 2] - u_star[j, 2])
+        turn = u_star[j + 1, 2] - u_star[j, 2]
+        begin_axis(laws, axes, h, j, 0, (work.torque[j], damping[j], turn))
         if laws.has_stops:
-            angle, bend = start[j + 1] - start[j], hat[j + 1] - hat[j]
-            low, high = min(laws.stop[j, 0, 0], angle), max(laws.stop[j, 0, 1], angle)
-            stop_axis(laws, work.axes, j, 0, (low - bend) / h_q, (high - bend) / h_q)
-        first_yaw_law(model, work, j)
-
-
-@inlined
-def begin_yaw_axis(
-    model: PlanarModel, work: PlanarWorkspace, j: int, h: float, rate: float
-) -> None:
-    """Begin a part of h [s] with the laws of yaw joint j, whose rate is expected [rad/s]."""
-    axes = work.axes
-    axes.torque[j, 0], axes.damping[j, 0] = work.torque[j], work.chain.damping[j]
-    axes.rate[j, 0] = rate
-    begin_axis(model.joint_laws, axes, h, j, 0)
-
-
-@inlined
-def first_yaw_law(model: PlanarModel, work: PlanarWorkspace, j: int) -> None:
-    """Fill the first torque and damping of yaw joint j."""
-    laws = model.joint_laws
-    work.torque[j], work.chain.damping[j] = first_law(laws.inertia, work.axes, j, 0)
+            way = start[j + 1] - start[j], hat[j + 1] - hat[j]
+            stop_at_end(laws, axes, j, 0, way, h_q)
+        work.torque[j], damping[j] = first_law(laws.inertia, axes, j, 0)
 
 
 @inlined
@@ -148,7 +130,7 @@ def yaw_axes_change(
     outcome: Outcome,
     attempt: int,
     left: int,
-    report: Any,
+    report: Table,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws
@@ -377,9 +359,7 @@ def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: St
     if row >= 0:
         for i in range(len(steps.q)):
             record.q[row, i] = steps.q[i]
-        for i in range(len(steps.u)):
-            for j in range(3):
-                record.u[row, i, j] = steps.u[i, j]
+        copy_rows(steps.u, record.u[row], 3)
         keep_forces(row, applied, dt, span, steps.history, record)
 
 

@@ -21,28 +21,28 @@ from snake_sim_ros.contact.admissible import anchor_disc
 from snake_sim_ros.contact.contacts import Contacts, SLIDING
 from snake_sim_ros.contact.laws import (
     anchored_disc,
-    anchored_side,
     changes_side,
     floor_disc,
     grip,
     Laws,
     natural_map,
-    prox_ellipse,
     prox_half_line,
     sliding_bound,
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
 from snake_sim_ros.contact.newton import (
+    end_held,
     find_radius_steps,
-    INEXACT_ROUNDS,
+    held_tolerance,
     law_error,
     line_search,
     move_trial,
     next_relaxation,
 )
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
+from snake_sim_ros.contact.sweeps import forget_others, next_velocity
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
 from snake_sim_ros.scene.parameters import Array
@@ -63,6 +63,8 @@ SECOND_CHANGE = 3
 COUPLED_ITERATIONS = 4  # iterations before the radii are held
 MOST_COUPLED_ITERATIONS = 20  # of these, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
+CONVERGES = 0.5  # an iteration that leaves a larger share of the residual does not converge
+NEAR = 4.0  # a bound up to so many tolerances is near: the residual itself may be within
 SLIDING_SHARE = 0.98  # share of the square of the radius beyond which friction slides
 STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contact counts as zero
 
@@ -106,16 +108,13 @@ def solve_in_plane(  # type: ignore[empty-body]
 def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
     solution, newton = contacts.solution, contacts.newton
-    last, velocity, change = history.impulse, history.velocity, history.change
+    last, change = history.impulse, history.change
     for a in closed:
         P_N = last[a, 0]
         newton.disc_radius[a] = max(0.0, P_N + change[a, 0] + change[a, SECOND_CHANGE])
         for k in range(3):
             newton.anchor[a, k] = last[a, k]
-        x, y = velocity[a, 1], velocity[a, 2]
-        next_x, next_y = x + change[a, 1], y + change[a, 2]
-        ahead = x * next_x + y * next_y > 0.0
-        x, y = (next_x, next_y) if ahead else (x, y)
+        x, y = next_velocity(history, a, 1)
         known = P_N > 0.0
         newton.trial[a, 0] = 0.0 if known else solution.gamma[a, 0]
         newton.trial[a, 1] = x if known else solution.gamma[a, 1]
@@ -125,10 +124,9 @@ def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None
 @inlined
 def remember_sliding(closed: Array, contacts: Contacts, history: History) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
-    solution, newton = contacts.solution, contacts.newton
+    solution = contacts.solution
     last, velocity, change = history.impulse, history.velocity, history.change
     for a in closed:
-        newton.is_closed[a] = 1
         P_N = solution.impulse[a, 0]
         before = last[a, 0] > 0.0
         difference = P_N - last[a, 0] if before else 0.0
@@ -140,11 +138,7 @@ def remember_sliding(closed: Array, contacts: Contacts, history: History) -> Non
             change[a, k] = gamma - velocity[a, k] if before else 0.0
             velocity[a, k] = gamma
             last[a, k] = solution.impulse[a, k]
-    for a in range(len(last) if len(last) > len(closed) else 0):
-        if newton.is_closed[a] == 0 and last[a, 0] > 0.0:
-            for j in range(5):
-                last[a, j] = velocity[a, j] = change[a, j] = 0.0
-        newton.is_closed[a] = 0
+    forget_others(closed, contacts, history)
 
 
 @inlined
@@ -164,14 +158,11 @@ def sliding_law(
     """
     newton = contacts.newton
     x, y = newton.trial[a, 1], newton.trial[a, 2]
-    disc, radius = (
-        floor_disc(laws, laws.other, anchored_side(contacts, a)),
-        newton.disc_radius[a],
-    )
+    disc = anchored_disc(laws, laws.other, contacts, a)
+    radius = grip(laws.other, contacts, a) * newton.disc_radius[a]
     P_x, P_y, S_xx, S_xy, S_yy, _, _ = disc_law(
-        disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y,
-        grip(laws.other, contacts, a) * radius,
-    )  # fmt: skip
+        disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y, radius
+    )
     newton.law_impulse[a, 1], newton.law_impulse[a, 2] = P_x, P_y
     newton.S_xx[a, SLIDING], newton.S_xy[a, SLIDING], newton.S_yy[a, SLIDING] = (
         S_xx,
@@ -289,7 +280,7 @@ def residual_in_plane(model: PlanarModel, closed: Array, contacts: Contacts) -> 
     """
     enough = model.laws.residual_tolerance
     residual, _ = sliding_bound(model.laws, model.laws.other, closed, contacts)
-    if residual <= enough or (residual > 4.0 * enough and residual < math.inf):
+    if residual <= enough or (residual > NEAR * enough and residual < math.inf):
         return residual
     residual, _ = natural_map(model.laws, closed, contacts, enough)
     return residual
@@ -333,7 +324,7 @@ def iterate_coupled_in_plane(
         iterations += 1
         if residual <= laws.residual_tolerance or not math.isfinite(residual):
             break
-        if residual < 0.5 * before and steps < MOST_COUPLED_ITERATIONS:
+        if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         settle_loads(model, work, closed)
         move_trial(closed, contacts, 1.0)
@@ -421,7 +412,7 @@ def solve_planar_contacts(
                 newton.held_radius[a], newton.radius_step[a] = newton.disc_radius[a], 0.0
         for a in closed:
             newton.disc_radius[a] = newton.held_radius[a]
-        inner = (1e2 if rounds < INEXACT_ROUNDS else 0.1) * laws.residual_tolerance
+        inner = held_tolerance(rounds, laws.residual_tolerance)
         iterations += iterate_held_in_plane(
             model, work, closed, inner, rounds > 0, limit - iterations
         )
@@ -431,10 +422,7 @@ def solve_planar_contacts(
         anchor_what_moves(laws, closed, contacts)
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-        for a in closed:
-            newton.held_radius[a] = max(
-                0.0, newton.held_radius[a] + relaxation * newton.radius_step[a]
-            )
+        end_held(relaxation, closed, contacts)
         rounds += 1
     remember_sliding(closed, contacts, history)
     converged = residual <= laws.residual_tolerance
@@ -449,32 +437,11 @@ def prox_friction(model: PlanarModel, work: PlanarWorkspace, impulse: Array) -> 
     normal = sliding = 0.0
     for a in work.closed:
         P_N, P_x, P_y = solution.impulse[a, 0], solution.impulse[a, 1], solution.impulse[a, 2]
-        radius = prox_half_line(P_N)
-        radius *= grip(laws.other, contacts, a)
-        x, y = P_x - laws.r_T * solution.gamma[a, 1], P_y - laws.r_T * solution.gamma[a, 2]
-        disc = sliding_disc(laws, laws.other, a, x)
-        new_x, new_y = prox_ellipse(x, y, disc.mu_x * radius, disc.mu_y * radius)
+        new_x, new_y = prox_sliding(laws, contacts, a, prox_half_line(P_N))
         normal += (P_N - impulse[a, 0]) ** 2
         sliding += (new_x - P_x) ** 2 + (new_y - P_y) ** 2
         impulse[a, 0], impulse[a, 1], impulse[a, 2] = P_N, new_x, new_y
     return math.sqrt(normal) + math.sqrt(sliding)
-
-
-@inlined
-def project_in_plane(
-    model: PlanarModel, work: PlanarWorkspace, impulse: Array, limit: int
-) -> Outcome:
-    """Iterate until the friction laws hold, with loads that follow from the friction."""
-    factor_bare(work)
-    iterations, change = 0, math.inf
-    while not change < model.laws.change_tolerance and iterations < limit:
-        copy_impulses(work.closed, impulse, work.contacts)
-        planar_twists(model, work)
-        find_loads(model, work)
-        change = prox_friction(model, work, impulse)
-        iterations += 1
-    residual, printed = natural_map(model.laws, work.closed, work.contacts, 0.0)
-    return Outcome(iterations, change < model.laws.change_tolerance, residual, printed, False)
 
 
 class PlanarProxIteration(NamedTuple):
@@ -486,12 +453,22 @@ class PlanarProxIteration(NamedTuple):
 @solve_in_plane.register(PlanarProxIteration)
 @inlined
 def solve_plane_with_projections(
-    solver: 'PlanarProxIteration',
+    solver: PlanarProxIteration,
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
     history: History,
     limit: int,
 ) -> Outcome:
-    """Solve the contacts of a step; see `solve_in_plane`."""
-    return project_in_plane(model, work, history.impulse, limit)
+    """Project until the laws hold, with loads that follow from friction; see `solve_in_plane`."""
+    contacts, impulse, tolerance = work.contacts, history.impulse, model.laws.change_tolerance
+    factor_bare(work)
+    iterations, change = 0, math.inf
+    while not change < tolerance and iterations < limit:
+        copy_impulses(closed, impulse, contacts)
+        planar_twists(model, work)
+        find_loads(model, work)
+        change = prox_friction(model, work, impulse)
+        iterations += 1
+    residual, printed = natural_map(model.laws, closed, contacts, 0.0)
+    return Outcome(iterations, change < tolerance, residual, printed, False)

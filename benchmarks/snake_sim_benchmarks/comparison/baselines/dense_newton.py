@@ -8,7 +8,8 @@ the same iteration, at a cost that grows with the number of contacts instead of 
 """
 
 from snake_sim_ros import Scene
-from snake_sim_ros.contact.newton import make_operator, Newton, Operator
+from snake_sim_ros.contact.linear_problem import Operator
+from snake_sim_ros.contact.newton import make_operator, Newton
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.stepping.methods import METHODS, paper_method
 

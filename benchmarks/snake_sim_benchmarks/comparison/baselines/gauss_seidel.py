@@ -28,6 +28,7 @@ from snake_sim_ros.contact.delassus import (
 )
 from snake_sim_ros.contact.laws import (
     grip,
+    impulse_width,
     Laws,
     natural_map,
     prox_disc,
@@ -35,7 +36,8 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.contact.newton import is_negligible, iterate_laws, Operator
+from snake_sim_ros.contact.linear_problem import Operator
+from snake_sim_ros.contact.newton import is_negligible, iterate_laws
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
 from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
@@ -129,7 +131,7 @@ def solve_with_sweeps(
     laws, closed, contacts, chain = problem
     operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
-    width = 5 if laws.rolling.mu_x > 0.0 else 3
+    width = impulse_width(laws)
     condense(closed, width, contacts, chain, delassus)
     operator.is_condensed[0] = 1
     iterations, sweeps, converged = 0, 0, False

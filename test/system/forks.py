@@ -87,6 +87,7 @@ def _call(
     """Call a function in this process as if it were a program."""
     os.setsid()
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup may have the server ignore
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()

@@ -278,7 +278,7 @@ BAD_STARTS = {
     'missing file': (
         'sim',
         ['scene:=nowhere.yaml'],
-        'no file nowhere.yaml; the scenes that come with the package: aiko_with_servos, hyper',
+        'no file nowhere.yaml; the scenes that come with the package: aiko_with_servos, concertina',
     ),
     'negative': (
         'sim',

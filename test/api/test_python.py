@@ -335,13 +335,6 @@ def test_the_page_runs(tmp_path, monkeypatch):
     assert (tmp_path / 'run.png').is_file()
 
 
-@pytest.mark.parametrize('page', ['gaits', 'controllers'])
-def test_programs_on_other_pages_run(page, capsys):
-    text = (ROOT / 'docs' / f'{page}.md').read_text(encoding='utf-8')
-    for block in re.findall(r'```python\n(.*?)```', text, re.DOTALL):
-        exec(compile(block, page, 'exec'), {})
-
-
 def test_the_page_names_everything_public():
     assert set(snake_sim_ros.__all__) <= set(re.findall(r'\w+', GUIDE))
 

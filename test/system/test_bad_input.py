@@ -278,7 +278,7 @@ BAD_STARTS = {
     'missing file': (
         'sim',
         ['scene:=nowhere.yaml'],
-        'no file nowhere.yaml; the scenes that come with the package: aiko_with_servos, concertina',
+        'no file nowhere.yaml; the scenes that come with the package: aiko_with_servos, conc',
     ),
     'negative': (
         'sim',

@@ -23,7 +23,7 @@ README = (ROOT / 'README.md').read_text(encoding='utf-8')
 # Pages that continue the README. Those of one part, such as studies, have tests of their own.
 NAMES = (
     'first_steps', 'installation', 'nodes', 'viewer', 'recording', 'command_line', 'scenes',
-    'levels', 'methods', 'controllers',
+    'levels', 'methods', 'controllers', 'gaits',
 )  # fmt: skip
 PAGES = [README, *((ROOT / f'docs/{name}.md').read_text(encoding='utf-8') for name in NAMES)]
 
@@ -164,9 +164,7 @@ def run_node(words, folder, environment):
         )
     deadline = time.monotonic() + 60
     try:
-        while not re.search(
-            r'physics ready|waiting for a (?:robot|path)|http://', output.read_text()
-        ):
+        while not re.search(READY, output.read_text()):
             assert process.poll() is None and time.monotonic() < deadline, output.read_text()
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)

@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from snake_sim_ros.controllers.following import speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.dynamics.energy import floor_contact_velocities
+from snake_sim_ros.gaits.steering import Stride
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
@@ -33,6 +35,8 @@ from snake_sim_ros.stepping.trajectory import Trajectory
 Measure = Callable[[Trajectory], Any]
 
 
+JAMMED = 0.1  # share of the way of a cycle; one that slips badly makes a third
+ROUNDING = 1e-9  # share of a cycle by which the last one may be short
 WINDOW_EXAMPLE = '{steady_torque: {of: peak_torque, begin: 1}}'
 
 
@@ -292,10 +296,24 @@ def cross_track_peak(trajectory: Trajectory, quantile: float = 1.0) -> float:
     return _largest(_track(trajectory)[1][:, None], quantile)
 
 
+def cross_track_mean(trajectory: Trajectory) -> float:
+    """Return the mean of the cross-track error, positive to the left of the path [m]."""
+    return float(_track(trajectory)[1].mean())
+
+
 def covered(trajectory: Trajectory) -> float:
     """Return the arc length of the path that the robot has covered [m]."""
     arcs, _ = _track(trajectory)
     return float(arcs[-1] - arcs[0])
+
+
+def jams(trajectory: Trajectory) -> float:
+    """Return the number of gait cycles that cover less than JAMMED of what the speed asks for."""
+    (arcs, _), scene, time = _track(trajectory), trajectory.scene, trajectory.time
+    period = cycle(scene.gait)
+    asked = period * speed_along(scene.follow, scene.gait, Stride.of(scene.gait))
+    ends = np.arange(time[0], time[-1] + ROUNDING * period, period)
+    return float((np.diff(np.interp(ends, time, arcs)) < JAMMED * asked).sum())
 
 
 def _largest(values: Array, quantile: float) -> float:
@@ -326,7 +344,9 @@ METRICS: dict[str, Metric] = {
         (angle_error, 'rad'),
         (cross_track, 'm'),
         (cross_track_peak, 'm'),
+        (cross_track_mean, 'm'),
         (covered, 'm'),
+        (jams, '1'),
     )
 }
 RUN_METRICS = (
@@ -338,7 +358,7 @@ RUN_METRICS = (
     'slip',
     'peak_torque',
 )
-PATH_METRICS = ('cross_track', 'cross_track_peak', 'covered')
+PATH_METRICS = ('cross_track', 'cross_track_peak', 'cross_track_mean', 'covered', 'jams')
 USUAL_METRICS: tuple[str, ...] = (
     *('distance', 'speed', 'direction', 'energy'),
     *('cost_of_transport', 'peak_torque'),

@@ -250,6 +250,22 @@ def test_metrics_of_a_straight_motion():
     assert measured('cost_of_transport', moving((0.0, 0.0))) == math.inf
 
 
+def test_metrics_of_a_path_beside_the_way():
+    # 1 m in 2 s toward -x, 0.1 m to the left of the path; four cycles of 0.25 m each.
+    wave = {'gait.yaw.amplitude': 0.1, 'gait.yaw.angular_frequency': 4 * math.pi}
+    values = {'follow.points': [[5.0, 0.1], [-9.0, 0.1]], **wave}
+    expected = {
+        'cross_track': 0.1, 'cross_track_peak': 0.1, 'cross_track_mean': 0.1, 'covered': 1.0,
+    }  # fmt: skip
+    for speed, jams in ((0.5, 0), (4.9, 0), (5.1, 4)):
+        trajectory = moving((-0.5, 0.0), robot={**values, 'follow.speed': speed})
+        for name, value in {**expected, 'jams': jams}.items():
+            assert measured(name, trajectory) == pytest.approx(value, abs=1e-13), (speed, name)
+    still = moving((-0.5, 0.0), robot={**values, 'gait.yaw.angular_frequency': 0.0})
+    with pytest.raises(MetricError, match='the gait has no cycle'):
+        measured('jams', still)
+
+
 def test_the_center_of_mass_counts():
     trajectory = moving((0.0, 0.0), robot={'robot.link_mass': [1.0, 3.0]})
     trajectory.position[-1, 1, 1] += 0.4

@@ -279,18 +279,18 @@ class Portions:
         begin = time.perf_counter() if self.time_references else math.nan
         reference, compiled = self._reference(count), simulation.compile_seconds
         begin = begin if self.time_references else time.perf_counter()
-        samples, done, count = self.samples.after(self.done), self.done, len(reference[0])
         if self.joints:
+            done, count = self.done, len(reference[0])
             every = make_samples(simulation.scene, 1, count)
             simulation.advance(*reference, every)
             every = every.until(self.done - done)
-            samples.take(every)
+            self.samples.after(done).take(every)
             self.joint_steps.append(joint_rows(simulation.scene.robot, every))
         elif self.command:
             simulation.advance(*reference)  # in place, up to the next sample at most
             self._add_sample()
         else:
-            simulation.advance(*reference, samples)
+            simulation.advance(*reference, self.samples.after(self.done))
         compiled = simulation.compile_seconds - compiled
         seconds = time.perf_counter() - begin - compiled
         self.seconds += seconds

@@ -87,6 +87,9 @@ class Sliding:
             samples.add(k, State(at, state.u), history, report.joint_torque, self.dt)
         return State(q, state.u), history, report
 
+    def in_place(self, count, state, history, pushes):
+        return None
+
 
 def test_path_error_is_relative_to_the_way_gone():
     bent = along([(0, 0, 0), (1, 0.3, 0.4), (2, 0, 0.1)])

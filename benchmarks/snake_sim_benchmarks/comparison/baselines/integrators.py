@@ -30,6 +30,7 @@ from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.contact.delassus import make_delassus
 from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
 from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
+from snake_sim_ros.scene.gait import amplitudes
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
@@ -148,7 +149,10 @@ class SmoothRobot:
         n = scene.robot.link_count
         self.motion = minimal_coordinates.LinkVelocities(np.zeros((n, 6)), np.zeros((n, 6)))
         gait = scene.gait
-        self.waves = (astuple(gait.yaw), astuple(gait.pitch)), gait.soft_start
+        yaw, pitch = (
+            (amplitudes(wave, n - 1), astuple(wave)[1:5]) for wave in (gait.yaw, gait.pitch)
+        )
+        self.waves = (yaw, pitch), gait.soft_start
         self.middle, self.evaluations = scene.robot.middle_link, 0
 
     def coordinates(self, state: State) -> Array:

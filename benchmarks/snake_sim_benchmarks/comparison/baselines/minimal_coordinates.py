@@ -159,7 +159,8 @@ def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -
     fade = fade_at(t, waves[1])
     for j in range(len(torque)):
         for k in range(2):
-            angle, rate = wave_at(waves[0][k], fade, t, j)
+            amplitude, numbers = waves[0][k]
+            angle, rate = wave_at((amplitude[j], *numbers), fade, t, j)
             joint_rate = y[begin + 2 * j + k]
             torque[j, k] = model.robot.stiffness[j, k] * (angle - y[ANGLES + 2 * j + k])
             torque[j, k] += model.robot.damping[j, k] * (rate - joint_rate)
@@ -193,7 +194,8 @@ def rate_of_change(
     model : stepping.model.Model
     law : penalty.PenaltyLaw
     waves : tuple
-        Numbers of the yaw wave and of the pitch wave, and the time of the soft start [s].
+        Amplitudes (n-1,) and other numbers of the yaw wave and of the pitch wave, and the time of
+        the soft start [s].
     work : stepping.model.Workspace
         Its middle coordinates are filled with those of y.
     motion : Motion

@@ -59,6 +59,11 @@ class PlanarPath:
         steps = np.hypot(*np.diff(self.points, axis=0).T)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
+    @cached_property
+    def pieces(self) -> tuple[Array, Array]:
+        """Ways from each point to the next one (k-1, 2), and their lengths (k-1,) [m]."""
+        return np.diff(self.points, axis=0), np.diff(self.arc)
+
     @classmethod
     def of(cls, following: Following) -> 'PlanarPath':
         """Return the path of a scene."""
@@ -170,7 +175,7 @@ class PlanarPath:
 
         """
         point, arcs, last = np.asarray(point, dtype=float), self.arc, len(self.points) - 2
-        begin, way, length = self.points[:-1], np.diff(self.points, axis=0), np.diff(arcs)
+        begin, (way, length) = self.points[:-1], self.pieces
         share = ((point - begin) * way).sum(axis=1) / length**2
         held = np.clip(share, 0.0, 1.0)
         off = np.hypot(*(point - begin - held[:, None] * way).T)

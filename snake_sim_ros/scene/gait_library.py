@@ -52,7 +52,14 @@ class NamedGait(CheckedRecord):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LateralUndulation(NamedGait):
+class PeriodicGait(NamedGait):
+    """A gait that is made of waves of one frequency."""
+
+    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateralUndulation(PeriodicGait):
     """
     Serpenoid curve of the yaw joints [H]: ``alpha_j = A sin(omega t + (j-1) delta) + psi``.
 
@@ -62,7 +69,6 @@ class LateralUndulation(NamedGait):
     name: ClassVar[str] = 'lateral_undulation'
 
     amplitude: float = quantity(math.radians(30), 'rad', 'amplitude A')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.4, '1', 'wavelengths along the body')
     offset: float = quantity(0.0, 'rad', 'offset psi, which turns the robot right')
 
@@ -92,7 +98,7 @@ class EelLike(LateralUndulation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sidewinding(NamedGait):
+class Sidewinding(PeriodicGait):
     """
     Two waves in quadrature, which lift the links that move to the side [T].
 
@@ -103,7 +109,6 @@ class Sidewinding(NamedGait):
 
     amplitude: float = quantity(math.radians(30), 'rad', 'amplitude of the yaw joints')
     lift: float = quantity(math.radians(10), 'rad', 'amplitude of the pitch joints')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.4, '1', 'wavelengths along the body')
     gradient: float = quantity(
         0.0, '1', 'gradient of both amplitudes along the body', minimum=-1, maximum=1
@@ -122,7 +127,7 @@ class Sidewinding(NamedGait):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TurnInPlace(NamedGait):
+class TurnInPlace(PeriodicGait):
     """
     Sidewinding to one side in front, to the other side behind: reversal turning [A].
 
@@ -134,7 +139,6 @@ class TurnInPlace(NamedGait):
 
     amplitude: float = quantity(math.radians(30), 'rad', 'amplitude of the yaw joints')
     lift: float = quantity(math.radians(10), 'rad', 'amplitude of the pitch joints')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.0, '1', 'wavelengths along the body')
     side: str = quantity('left', '', 'where it turns, seen from above', choices=('left', 'right'))
 
@@ -148,7 +152,7 @@ class TurnInPlace(NamedGait):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rolling(NamedGait):
+class Rolling(PeriodicGait):
     """
     An arc that rolls about its own axis, sideways over the floor [T].
 
@@ -159,15 +163,15 @@ class Rolling(NamedGait):
     name: ClassVar[str] = 'rolling'
 
     amplitude: float = quantity(math.radians(12), 'rad', 'angle A from link to link')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
 
     def gait(self, joint_count: int) -> Gait:
         """Return its waves."""
-        return _quadrature(self, phase_lag=0.0)
+        wave = Wave(amplitude=self.amplitude, angular_frequency=self.angular_frequency)
+        return _quadrature(self, wave)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RollingHelix(NamedGait):
+class RollingHelix(PeriodicGait):
     """
     A helix that rolls about its own axis, as around a pole or inside a pipe [T].
 
@@ -178,16 +182,15 @@ class RollingHelix(NamedGait):
     name: ClassVar[str] = 'rolling_helix'
 
     amplitude: float = quantity(math.radians(25), 'rad', 'angle A from link to link')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.0, '1', 'turns of the bending plane along the body')
 
     def gait(self, joint_count: int) -> Gait:
         """Return its waves."""
-        return _quadrature(self, phase_lag=_lag(self.waves, joint_count))
+        return _quadrature(self, _wave(self, joint_count))
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearProgression(NamedGait):
+class LinearProgression(PeriodicGait):
     """
     A wave of the pitch joints alone [T]: ``alpha_j = A sin(omega t - (j-1) delta)``.
 
@@ -199,7 +202,6 @@ class LinearProgression(NamedGait):
     name: ClassVar[str] = 'linear_progression'
 
     amplitude: float = quantity(math.radians(25), 'rad', 'amplitude A')
-    angular_frequency: float = quantity(math.radians(80), 'rad/s', 'angular frequency omega')
     waves: float = quantity(1.5, '1', 'wavelengths along the body')
     bend: float = quantity(0.0, 'rad', 'offset of the yaw joints, which keeps it upright')
 
@@ -284,11 +286,6 @@ def _wave(given: Any, joint_count: int, **values: float) -> Wave:
     return Wave(angular_frequency=given.angular_frequency, **{**usual, **values})
 
 
-def _quadrature(given: Any, phase_lag: float) -> Gait:
+def _quadrature(given: NamedGait, yaw: Wave) -> Gait:
     """Return the gait whose pitch is a quarter of a cycle ahead of its yaw, else the same."""
-    yaw = Wave(
-        amplitude=given.amplitude,
-        angular_frequency=given.angular_frequency,
-        phase_lag=phase_lag,
-    )
     return Gait(yaw=yaw, pitch=replace(yaw, phase=QUARTER), soft_start=given.soft_start)

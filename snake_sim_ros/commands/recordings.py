@@ -83,7 +83,7 @@ def add_score(subparsers: Any) -> None:
         '--controller', metavar='NAME', help='the controller of a scene, as controller.name'
     )
     command.add_argument(
-        '--path', nargs='+', metavar='X,Y', help='points of the path [m], as follow.points'
+        '--path', metavar='"X,Y X,Y"', help='points of the path [m], as follow.points'
     )
     add_namespace(command)
     add_scene_options(command)
@@ -98,7 +98,7 @@ def _score(options: argparse.Namespace) -> int:
     from snake_sim_ros.studies.metrics import metrics_of_run
 
     if options.path:
-        options.set += [f'follow.points={[_point(each) for each in options.path]}']
+        options.set += [f'follow.points={[_point(each) for each in options.path.split()]}']
     if options.controller:
         options.set += [f'controller.name={options.controller}']
     if names_a_recorded_run(options.source):
@@ -108,7 +108,7 @@ def _score(options: argparse.Namespace) -> int:
         found = run(scene_from(options, options.source))
     if not found.scene.follow:
         raise ParameterError(
-            'there is no path to score: give one by --path 0,0 2,0, or by follow.points or '
+            'there is no path to score: give one by --path "0,0 2,0", or by follow.points or '
             'follow.center'
         )
     if not 0.0 <= options.begin < found.time[-1]:

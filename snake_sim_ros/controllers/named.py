@@ -10,6 +10,7 @@ the name are its keyword arguments. Whoever runs a scene with such a name runs t
 
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 import inspect
 from pathlib import Path
 import sys
@@ -98,16 +99,14 @@ def _imported(name: str) -> Callable[..., Any]:
 
 def _module_of_file(path: Path) -> ModuleType:
     """Return the module of a file, which runs once in a process."""
-    path = path.resolve()
-    name = f'snake_sim_controller_{abs(hash(str(path))):x}'
+    name = str(path.resolve())
     if name in sys.modules:
         return sys.modules[name]
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    code = compile(path.read_text(encoding='utf-8'), str(path), 'exec')
-    sys.modules[name] = module  # dataclasses look for it
+    spec = spec_from_file_location(name, name)
+    assert spec and spec.loader  # as for every name that ends in .py
+    module = sys.modules[name] = module_from_spec(spec)  # dataclasses look for it there
     try:
-        exec(code, module.__dict__)
+        spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise

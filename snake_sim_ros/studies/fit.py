@@ -39,7 +39,7 @@ LARGEST = 700.0  # logarithm of a number that a computer has, for ends of interv
 STEP = 0.02  # of differences: a share of a positive value
 LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
-EASED_TOLERANCE = 1e-3  # the same for a search in an eased model, from which another one starts
+EASED_TOLERANCE = 1e-2  # the same for a search in an eased model, from which another one starts
 MOST_EVALUATIONS = 60  # of the residuals, besides differences
 NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
 SPREAD_END = 0.01  # share of the box at which a global stage ends
@@ -320,9 +320,9 @@ class Evaluations:
         scene = scene_at(self.replay.scene, self.unknowns, x)
         return eased(scene) if self.is_eased else scene
 
-    def begin(self, x: Array) -> None:
+    def begin(self, x: Array, known: list[Residual] | None = None) -> None:
         """
-        Begin a search at a point, with what is compiled and nothing that is known.
+        Begin a search at a point with what is compiled, and the residuals there if they are known.
 
         Raises
         ------
@@ -331,7 +331,10 @@ class Evaluations:
 
         """
         self._residuals, self._jacobians = {}, {}
-        self.replay.compile(self._scene(x))
+        if known:
+            self._residuals[x.tobytes()] = known
+        else:
+            self.replay.compile(self._scene(x))
         if np.abs(self.flat(x)).min() >= LOST:
             raise ParameterError('every segment diverges with the values of the scene')
 
@@ -396,6 +399,7 @@ def fit(
     globally: int = 0,
     seed: int = 0,
     progress: Callable[[int, float], object] | None = None,
+    known: list[Residual] | None = None,
 ) -> Fit:
     """
     Return the values that explain a recording best.
@@ -412,6 +416,8 @@ def fit(
         Of the global stage.
     progress : callable, optional
         Called with the number of simulations so far and the sum of squares.
+    known : list of Residual, optional
+        Those of the scene of the replay, if it has been simulated.
 
     Raises
     ------
@@ -426,7 +432,9 @@ def fit(
         evaluate = Evaluations(replay, unknowns, pool, count)
         evaluate.report = progress or evaluate.report
         evaluate.is_eased = has_eased(replay, scene_at(replay.scene, unknowns, x))
-        evaluate.begin(x)
+        evaluate.begin(
+            x, known if not evaluate.is_eased and _is_as_given(replay, unknowns) else None
+        )
         if globally:
             x = _searched(evaluate, x, low, high, globally, seed)
         x = start = np.clip(x, low, high)
@@ -440,6 +448,17 @@ def fit(
         )
         jacobians, residuals = evaluate.jacobians(found.x), evaluate.residuals(found.x)
         return Fit(replay, unknowns, found.x, residuals, jacobians, at_bound, evaluate.count)
+
+
+def _is_as_given(replay: Replay, unknowns: Sequence[Unknown]) -> bool:
+    """Return whether a search starts in the scene of a replay."""
+    given = flat_fields(replay.scene)
+    return all(
+        given[name][0] == unknown.start
+        for unknown in unknowns
+        for name in unknown.names
+        if name not in SETUP
+    )
 
 
 def _least_squares(evaluate: Evaluations, x: Array, start: Array, tolerance: float) -> Any:

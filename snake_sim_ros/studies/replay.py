@@ -207,12 +207,13 @@ class Setup(NamedTuple):
     How a motion was measured, where it was not with one clock, in the centers of links, and level.
 
     The clocks of the stamps are ahead of that of the commands. The pose of a link is that of its
-    frame, moved to a marker; all links that are measured have theirs in the same place.
+    frame, moved to a marker; all links that are measured have theirs in the same place. Axes are
+    those of messages: x along the link, toward the next one, y to the left and z up.
     """
 
     joints: float = 0.0  # offset of the clock of joint angles [s]
     poses: float = 0.0  # that of poses [s]
-    x: float = 0.0  # place of the marker, from the center of its link, in the link's frame [m]
+    x: float = 0.0  # place of the marker, from the center of its link, along its axes [m]
     y: float = 0.0
     z: float = 0.0
     roll: float = 0.0  # turn of the floor about x and then y of the frame of the poses [rad]
@@ -458,25 +459,26 @@ class Replay:
         return start_state(scene, self.segments[0].measured, is_flat=self.is_flat)
 
 
-def start_effect(replay: Replay) -> float:
+def start_effect(replay: Replay) -> tuple[float, list[Residual]]:
     """
     Return how much an error of the starts of segments moves what is simulated after the burn-in.
 
     The yaw joints are off by START_ERROR in turn to both sides. It is the root mean square change
     of the residuals, in units of the noise: errors of a model are told from it only if larger.
+    The residuals without that error are returned, too.
     """
     count = replay.recording.joint_angle.shape[1]
     error = np.zeros((2, count, 2))
     error[0, :, 0] = START_ERROR * np.resize([1.0, -1.0], count)
-    moved = [
+    starts = [
         item._replace(measured=replace(item.measured, angle=item.measured.angle + error))
         for item in replay.segments
     ]
-    pairs = zip(
-        replay.residuals(replay.scene), replay.residuals(replay.scene, tuple(moved)), strict=True
-    )
-    change = np.concatenate([there.flat() - here.flat() for here, there in pairs])
-    return float(np.sqrt((change**2).mean()))
+    here = replay.residuals(replay.scene)
+    there = replay.residuals(replay.scene, tuple(starts))
+    pairs = zip(here, there, strict=True)
+    change = np.concatenate([moved.flat() - item.flat() for item, moved in pairs])
+    return float(np.sqrt((change**2).mean())), here
 
 
 def with_offsets(replay: Replay, streams: Container[str]) -> Replay:
@@ -511,7 +513,7 @@ def on_one_clock(recording: Recording, setup: Setup) -> Recording:
 
 def as_measured(q: Array, setup: Setup) -> Array:
     """Return the poses (..., 7) that are measured of links with coordinates q."""
-    marker, p = np.array([setup.x, setup.y, setup.z]), q[..., 3:]
+    marker, p = np.array([setup.y, setup.z, setup.x]), q[..., 3:]  # along the axes of B
     place = q[..., :3]
     if marker.any():
         place = place + rotation_matrices(p) @ marker

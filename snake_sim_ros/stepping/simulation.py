@@ -32,6 +32,7 @@ from snake_sim_ros.stepping.sampling import (
     joint_motion,
     joint_rows,
     Keep,
+    kept_of_run,
     LEAST_STEPS,
     Limits,
     NO_LIMITS,
@@ -519,8 +520,8 @@ def simulate(
     simulation.compile(scene.gait)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     trajectory = sample(
-        simulation, steps, samples, keep=Keep(contacts=True), observe=observe, progress=progress,
-        interruptible=True,
+        simulation, steps, samples, keep=kept_of_run(scene, steps, samples), observe=observe,
+        progress=progress, interruptible=True,
     )  # fmt: skip
     compiled = simulation.compile_seconds - compiled
     return replace(trajectory, seconds=time.perf_counter() - begin - compiled)

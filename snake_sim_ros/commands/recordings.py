@@ -102,6 +102,10 @@ def _score(options: argparse.Namespace) -> int:
     if options.controller:
         options.set += [f'controller.name={options.controller}']
     if names_a_recorded_run(options.source):
+        if options.controller:
+            raise ParameterError(
+                f'--controller must go with a scene, which is run; {options.source} is recorded'
+            )
         found = read_run(options.source, options.namespace)
         found = replace(found, scene=with_settings(found.scene, given_settings(options)))
     else:

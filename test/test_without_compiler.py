@@ -19,7 +19,7 @@ from snake_sim_ros.stepping.state import named_arrays
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).resolve().parent.parent
-PHYSICS = {'scene', 'dynamics', 'contact', 'stepping'}
+PHYSICS = {'scene', 'dynamics', 'contact', 'gaits', 'controllers', 'stepping'}
 
 
 @pytest.mark.parametrize(

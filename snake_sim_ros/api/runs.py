@@ -238,7 +238,7 @@ def load_scene(source: Scene | str | Path, values: Values | None = None, **more:
 
 def run(
     scene: Scene | str | Path, values: Values | None = None, *, rate: float = 100.0,
-    controller: Controller | Callable[[Simulation], Any] | None = None,
+    controller: Controller | Callable[[Simulation], Any] | str | Values | None = None,
     progress: Callable[[float], object] | None = None, **more: Any,
 ) -> Run:  # fmt: skip
     """
@@ -256,9 +256,10 @@ def run(
         Values of the scene by dotted names; see `load_scene`.
     rate : float, optional
         Samples a second [Hz].
-    controller : Controller or callable, optional
+    controller : Controller, callable, str or mapping, optional
         What commands the joints in place of the gait: a controller, such as a `PathFollower`, with
-        a period of its own, or a function ``controller(simulation)``, which is called at every
+        a period of its own; the name of one, or its name and values, as a scene has them under
+        `controller`; or a function ``controller(simulation)``, which is called at every
         sample but the last. The function returns joint angles of shape (axes,), in the order of
         `Robot.axis_names`, or (n-1, 2), (yaw, pitch) of every joint [rad], or a tuple of angles
         and rates [rad/s]: until the next sample the joints go on from the angles at the rates, or
@@ -282,6 +283,8 @@ def run(
         If an argument is invalid; the message says which and why.
 
     """
+    if isinstance(controller, str | Mapping):
+        more, controller = {**more, 'controller': controller}, None
     loaded, names = _scene_and_names(scene, values, more)
     if not 0.0 < rate < math.inf:
         raise ParameterError(f'rate must be above 0 Hz and finite, got {rate:g} Hz')

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from snake_sim_ros.nodes.programs import missing_ros
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import ParameterError, quoted
 
 # ---- record -------------------------------------------------------------------------------------
 
@@ -79,6 +79,12 @@ def add_score(subparsers: Any) -> None:
         '--begin', type=float, default=0.0, metavar='S', help='leave out what is before [s]'
     )
     command.add_argument('--plot', type=Path, metavar='FILE', help='a PNG, PDF or SVG file')
+    command.add_argument(
+        '--controller', metavar='NAME', help='the controller of a scene, as controller.name'
+    )
+    command.add_argument(
+        '--path', metavar='"X,Y X,Y"', help='points of the path [m], as follow.points'
+    )
     add_namespace(command)
     add_scene_options(command)
 
@@ -91,6 +97,10 @@ def _score(options: argparse.Namespace) -> int:
     from snake_sim_ros.scene.parameters import with_settings
     from snake_sim_ros.studies.metrics import metrics_of_run
 
+    if options.path:
+        options.set += [f'follow.points={[_point(each) for each in options.path.split()]}']
+    if options.controller:
+        options.set += [f'controller.name={options.controller}']
     if names_a_recorded_run(options.source):
         found = read_run(options.source, options.namespace)
         found = replace(found, scene=with_settings(found.scene, given_settings(options)))
@@ -98,8 +108,8 @@ def _score(options: argparse.Namespace) -> int:
         found = run(scene_from(options, options.source))
     if not found.scene.follow:
         raise ParameterError(
-            'there is no path to score: give one by --set follow.points=[[0,0],[2,0]], or by '
-            'follow.center and follow.radius'
+            'there is no path to score: give one by --path "0,0 2,0", or by follow.points or '
+            'follow.center'
         )
     if not 0.0 <= options.begin < found.time[-1]:
         raise ParameterError(
@@ -112,6 +122,15 @@ def _score(options: argparse.Namespace) -> int:
         draw(part, options.plot, title_of(options.source))
     print(json.dumps(metrics_of_run(part)))
     return 1 if found.report.failure else 0
+
+
+def _point(text: str) -> list[float]:
+    """Return the point that a text says."""
+    try:
+        x, y = map(float, text.split(','))
+    except ValueError:
+        raise ParameterError(f'--path must be points X,Y [m], got {quoted(text)}') from None
+    return [x, y]
 
 
 # ---- plot ---------------------------------------------------------------------------------------

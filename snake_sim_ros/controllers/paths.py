@@ -8,7 +8,7 @@ of a curve with radius r are at most ``sqrt(8 r SAG)`` long, so that it is met w
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 import math
 from typing import NamedTuple
 
@@ -67,10 +67,7 @@ class PlanarPath:
     @classmethod
     def of(cls, following: Following) -> 'PlanarPath':
         """Return the path of a scene."""
-        if not following.center:
-            return cls.spline(following.points, closed=following.closed)
-        turn = math.copysign(2 * math.pi, following.radius)
-        return cls.circle(following.center, abs(following.radius), turn=turn)
+        return _path_of(following)
 
     @classmethod
     def line(cls, begin: ArrayLike, end: ArrayLike) -> 'PlanarPath':
@@ -196,3 +193,12 @@ class PlanarPath:
             # On the straight continuation beyond an end.
             s, curvature, cross = float(share[k]), 0.0, float(side / length[k])
         return Place(float(arcs[k] + s * length[k]), cross, direction, curvature)
+
+
+@lru_cache(maxsize=16)
+def _path_of(following: Following) -> PlanarPath:
+    """Return the path of a scene, which several ask for: its controller, and each metric."""
+    if not following.center:
+        return PlanarPath.spline(following.points, closed=following.closed)
+    turn = math.copysign(2 * math.pi, following.radius)
+    return PlanarPath.circle(following.center, abs(following.radius), turn=turn)

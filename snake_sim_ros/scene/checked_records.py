@@ -12,7 +12,7 @@ names no received value; pydantic takes 0.5 s to import and cannot bound `float 
 """
 
 from collections.abc import Mapping
-from dataclasses import field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 import difflib
 from functools import cache
 import math
@@ -138,6 +138,8 @@ def _checked(name: str, value: Any, kind: Any, limits: Mapping[str, Any] | None 
     if is_dataclass(kind):
         if isinstance(value, kind):  # type: ignore[arg-type]
             return value
+        if kind is NamedRecord:
+            return NamedRecord.of(value, name)
         wanted = 'a mapping of names to values'
     for listed in (each for each in kinds if get_origin(each) is tuple):
         entry = get_args(listed)[0]
@@ -216,9 +218,81 @@ class CheckedRecord:
                 object.__setattr__(self, item.name, checked)
 
 
+FURTHER = quantity(0.0, '', 'what the name makes of it').metadata
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedRecord(CheckedRecord):
+    """
+    What is chosen by name, with further values whose names only those know who have that name.
+
+    In mappings the values stand beside the name, and a text alone is the name.
+
+    Attributes
+    ----------
+    name : str
+    values : tuple of (str, value)
+        Numbers, texts, truth values, or tuples of them.
+
+    """
+
+    name: str = quantity('', '', 'name of the choice')
+    values: tuple[tuple[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check name and values."""
+        object.__setattr__(self, 'name', _checked('name', self.name, str))
+        found = {name: _further(name, value) for name, value in self.values}
+        object.__setattr__(self, 'values', tuple(found.items()))
+        if found and not self.name:
+            raise ParameterError(f'{next(iter(found))} needs a name beside it')
+
+    def __bool__(self) -> bool:
+        """Return whether something is chosen."""
+        return bool(self.name)
+
+    @staticmethod
+    def of(given: Any, where: str) -> 'NamedRecord':
+        """Return a record from a name, or from a mapping with `name` and the values."""
+        given = {'name': given} if isinstance(given, str) else given
+        if not isinstance(given, Mapping):
+            raise ParameterError(
+                f'{where} must be a name, or a mapping with a name, got {quoted(given)}'
+            )
+        values = {key: value for key, value in given.items() if key != 'name'}
+        try:
+            return NamedRecord(name=given.get('name', ''), values=tuple(values.items()))
+        except ParameterError as error:
+            raise ParameterError(f'{where}: {error}') from None
+
+    def mapping(self) -> dict[str, Any]:
+        """Return the mapping of which `of` makes the record."""
+        return {'name': self.name} | {name: plain(value) for name, value in self.values}
+
+    def changed(self, settings: Mapping[str, Any], where: str) -> 'NamedRecord':
+        """Return the record with some values replaced; with another name it has no others."""
+        given = {} if settings.get('name', self.name) != self.name else dict(self.values)
+        return NamedRecord.of({'name': self.name, **given, **settings}, where)
+
+
+def _further(name: Any, value: Any) -> Any:
+    """Return a value of a `NamedRecord`."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise ParameterError(f'names of values must be words, got {quoted(name)}')
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(_further(name, each) for each in value)
+    if isinstance(value, (bool, str, int)):
+        return _checked(name, value, bool | int | str, FURTHER)
+    return _checked(name, value, float, FURTHER)
+
+
 def flat_fields(record: Any, prefix: str = '') -> dict[str, tuple[Any, Mapping[str, Any]]]:
     """Return dotted name -> (value, metadata of the field) of a record and those inside it."""
     flat: dict[str, tuple[Any, Mapping[str, Any]]] = {}
+    if isinstance(record, NamedRecord):
+        named = type(record).__dataclass_fields__['name'].metadata
+        flat = {f'{prefix}{name}': (value, FURTHER) for name, value in record.values}
+        return {f'{prefix}name': (record.name, named), **flat}
     for item in fields(record):
         value = getattr(record, item.name)
         if is_dataclass(value):
@@ -249,6 +323,8 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
     """
     if mapping is None:
         mapping = {}
+    if cls is NamedRecord:
+        return NamedRecord.of(mapping, where)
     if not isinstance(mapping, Mapping):
         raise ParameterError(
             f'{where} must be a mapping of names to values, got {quoted(mapping)}'
@@ -274,6 +350,8 @@ def from_mapping(cls: type, mapping: Any, where: str) -> Any:
 
 def to_mapping(record: Any) -> dict[str, Any]:
     """Return nested mappings of names to values, the inverse of `from_mapping`."""
+    if isinstance(record, NamedRecord):
+        return record.mapping()
     return {item.name: plain(getattr(record, item.name)) for item in fields(record)}
 
 
@@ -302,6 +380,8 @@ def with_values(record: Any, settings: Mapping[str, Any], prefix: str = '') -> A
         If a name is unknown or a value not usable.
 
     """
+    if isinstance(record, NamedRecord):
+        return record.changed(settings, prefix.removesuffix('.'))
     given, found = values_of(record), dict[str, Any]()
     names = given.keys()
     inside: dict[str, dict[str, Any]] = {}

@@ -41,13 +41,14 @@ from snake_sim_ros.scene.checked_records import (
     cut,
     from_mapping,
     LONGEST_PATH,
+    NamedRecord,
     ParameterError,
     quantity,
     to_mapping,
     values_of,
     with_values,
 )
-from snake_sim_ros.scene.files import find_file, parse_yaml, read_mapping, read_text
+from snake_sim_ros.scene.files import find_file, is_file, parse_yaml, read_mapping, read_text
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
 from snake_sim_ros.scene.gait_library import named_gait, NamedGait
@@ -756,6 +757,7 @@ class Scene(CheckedRecord):
     )
     gait: Gait = Gait()
     follow: Following = Following()
+    controller: NamedRecord = NamedRecord()
     start: Start = Start()
     pushes: tuple[Push, ...] = quantity((), '', 'forces and torques that act for some time')
     solver: Solver = Solver()
@@ -920,6 +922,10 @@ def _scene(mapping: Any, where: str, folder: Path) -> Scene:
             raise ParameterError(f'{where}: {error}') from None
         mapping = {**mapping, 'gait': gait}
     scene: Scene = from_mapping(Scene, mapping, where)
+    file, _, name = scene.controller.name.rpartition(':')
+    if file.endswith('.py') and is_file(folder / file):
+        found = f'{(folder / file).resolve()}:{name}'
+        scene = replace(scene, controller=replace(scene.controller, name=found))
     return scene
 
 

@@ -23,6 +23,7 @@ from collections.abc import Container, Mapping
 from fractions import Fraction
 import math
 
+from snake_sim_ros.controllers.named import controller_of
 from snake_sim_ros.dynamics.joint_control import control_periods
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Scene, with_settings
@@ -67,8 +68,10 @@ def common_divisor(scene: Scene, periods: Mapping[str, float]) -> float:
 
     """
     named: dict[str, float] = {**periods, **control_periods(scene.robot)}
-    if scene.follow:
-        named['follow.period'] = scene.follow.period
+    if scene.controller or scene.follow:
+        controller = controller_of(scene)
+        if controller:
+            named['period of the controller'] = controller.period
     if len(named) == 1:
         return next(iter(periods.values()))
     parts = [Fraction(time).limit_denominator(FINEST) for time in named.values()]

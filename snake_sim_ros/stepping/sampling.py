@@ -15,7 +15,7 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 
 from snake_sim_ros.controllers.controller import Controller, Measured, Reference
-from snake_sim_ros.controllers.following import PathFollower
+from snake_sim_ros.controllers.named import controller_of
 from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, steps_in
 from snake_sim_ros.stepping.base import Report
@@ -208,7 +208,8 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
 def command_of_scene(scene: Scene) -> Command | None:
     """Return what commands the joints of a scene; None if that is its gait alone."""
-    return command_of(PathFollower(scene.follow), scene) if scene.follow else None
+    controller = controller_of(scene)
+    return command_of(controller, scene) if controller else None
 
 
 class Portions:

@@ -15,7 +15,7 @@ are relative to O, the center of the middle link, in axes of I.
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import record_array, Table
+from snake_sim_ros.dynamics.compilation import inlined, record_array, Table
 from snake_sim_ros.scene.parameters import Array
 
 # What touches where.
@@ -79,6 +79,16 @@ FREE = -1.0  # value of disc_radius
 # The table of contacts: a record for each of them, which has all three.
 CONTACT = np.dtype([('geometry', GEOMETRY), ('solution', SOLUTION), ('newton', NEWTON)])
 Contacts = Table
+
+
+@inlined
+def stiffness(contacts: Contacts, a: int, kind: int) -> tuple[float, float, float, float, float]:
+    """Return S_xx, S_xy, S_yy, S_xN and S_yN of one kind of friction at contact a [kg]."""
+    newton = contacts.newton
+    return (
+        newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind], newton.S_xN[a, kind],
+        newton.S_yN[a, kind],
+    )  # fmt: skip
 
 
 def make_contacts(links: Array) -> Contacts:

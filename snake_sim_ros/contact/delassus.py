@@ -20,14 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.contacts import Contacts, stiffness
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.dynamics.articulated_body import Chain, solve_chain
+from snake_sim_ros.dynamics.articulated_body import Chain, FreeChain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, four, inlined, Packs, pair
 from snake_sim_ros.dynamics.free_chain import (
     factor_free,
     fold_wrench,
-    FreeChain,
     joint_column,
     root_load,
     unfold_free,
@@ -162,12 +161,7 @@ def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: De
             for j in range(1, width, 2):
                 kind = j // 2
                 g_x, g_y = g[row + j], g[row + j + 1]
-                S_xx, S_xy, S_yy = (
-                    newton.S_xx[a, kind],
-                    newton.S_xy[a, kind],
-                    newton.S_yy[a, kind],
-                )
-                S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+                S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
     for row in range(rows):

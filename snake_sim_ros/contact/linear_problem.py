@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING
+from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING, stiffness
 from snake_sim_ros.contact.delassus import (
     condensed_system,
     condensed_velocities,
@@ -219,12 +219,7 @@ def linear_impulses(closed: Array, contacts: Contacts, rolling: bool) -> None:
             kind = SLIDING if k == 1 else ROLLING
             x = solution.gamma[a, k] - newton.trial[a, k]
             y = solution.gamma[a, k + 1] - newton.trial[a, k + 1]
-            S_xx, S_xy, S_yy = (
-                newton.S_xx[a, kind],
-                newton.S_xy[a, kind],
-                newton.S_yy[a, kind],
-            )
-            S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+            S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
             P_x, P_y = newton.law_impulse[a, k], newton.law_impulse[a, k + 1]
             solution.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
             solution.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
@@ -280,7 +275,8 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
     geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
     x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
-    S_xN, S_yN, shift = newton.S_xN[a, SLIDING], newton.S_yN[a, SLIDING], solution.shift[a]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, SLIDING)
+    shift = solution.shift[a]
     P_x, P_y = newton.P_0[a, 1] - S_xN * shift, newton.P_0[a, 2] - S_yN * shift
     fz = newton.P_0[a, 0] - newton.S_N[a] * shift
     fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
@@ -290,11 +286,6 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
     wrench[i, 3] += fx
     wrench[i, 4] += fy
     wrench[i, 5] += fz
-    S_xx, S_xy, S_yy = (
-        newton.S_xx[a, SLIDING],
-        newton.S_xy[a, SLIDING],
-        newton.S_yy[a, SLIDING],
-    )
     xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
@@ -322,14 +313,9 @@ def add_rolling_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i
     """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
     geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     x, y, r = geometry.point[a, 0], geometry.point[a, 1], geometry.radius[a]
-    wrench[i, 0] += r * (newton.P_0[a, 4] - newton.S_yN[a, ROLLING] * solution.shift[a])
-    wrench[i, 1] -= r * (newton.P_0[a, 3] - newton.S_xN[a, ROLLING] * solution.shift[a])
-    S_xx, S_xy, S_yy = (
-        newton.S_xx[a, ROLLING],
-        newton.S_xy[a, ROLLING],
-        newton.S_yy[a, ROLLING],
-    )
-    S_xN, S_yN = newton.S_xN[a, ROLLING], newton.S_yN[a, ROLLING]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, ROLLING)
+    wrench[i, 0] += r * (newton.P_0[a, 4] - S_yN * solution.shift[a])
+    wrench[i, 1] -= r * (newton.P_0[a, 3] - S_xN * solution.shift[a])
     inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
     inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
     inertia[i, 0, 5] += r * S_yN
@@ -398,8 +384,7 @@ def add_friction_law(
     solution, newton = contacts.solution, contacts.newton
     normal, along, across = directions
     k, shift = 1 + 2 * kind, solution.shift[a]
-    S_xx, S_xy, S_yy = newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind]
-    S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
     P_x, P_y = newton.P_0[a, k] - S_xN * shift, newton.P_0[a, k + 1] - S_yN * shift
     for i in range(6):
         wrench[i] += P_x * along[i] + P_y * across[i]
@@ -730,7 +715,7 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
         velocities, so that another iteration follows anyway.
 
     """
-    laws, closed, contacts, _ = problem
+    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
     if operator is not None:
         if operator.is_condensed[0]:
             return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
@@ -741,10 +726,10 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
 @inlined
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, pairs = problem
     rolling = rolls(laws)
     reset_chain(chain)
-    single = closed[: count_single(closed, contacts, chain.pair_delassus)]
+    single = closed[: count_single(closed, contacts, pairs)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
     exact = True
@@ -753,10 +738,8 @@ def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
             fill_wrenches(closed, contacts, chain)
             find_residual(chain)
         largest = correct_chain(chain)
-        largest = max(
-            largest,
-            couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, chain.pair_delassus),
-        )
+        coupled = couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, pairs)
+        largest = max(largest, coupled)
         contact_velocities(closed, contacts, chain.frame, chain.twist)
         linear_impulses(single, contacts, rolling)
         if k == 0 and not always and is_far(single, contacts):
@@ -841,7 +824,7 @@ def couple_pairs(
     chain : Chain
         Its twists are added to.
     pairs : Delassus or None
-        ``chain.pair_delassus``, an argument of its own so that Numba leaves out the branch on
+        ``problem.pairs``, an argument of its own so that Numba leaves out the branch on
         None.
 
     Returns

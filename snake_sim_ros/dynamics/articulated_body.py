@@ -23,7 +23,7 @@ of the joint between both, and A the articulated inertia of everything from the 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import (
@@ -42,6 +42,16 @@ from snake_sim_ros.dynamics.spatial_vectors import (
 from snake_sim_ros.scene.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class FreeChain(NamedTuple):
+    """The factors of a chain of n links without contacts, and its loads; see `free_chain`."""
+
+    axis: Array  # (n-1, 2, 6) scaled axes S U^-1
+    reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
+    root: Array  # (6, 6) factors of the root
+    load: Array  # (2n+4,) scaled loads of momentum and torques
+    end_load: Array  # (2n+4,) the same with contact impulses
 
 
 class Chain(NamedTuple):
@@ -70,9 +80,8 @@ class Chain(NamedTuple):
     twist: Array  # (n, 6) twists of the links: the solution
     correction: Array  # (n, 6) correction of these twists
     no_torque: Array  # (n-1, 2) zeros
-    frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
-    free: Any = None  # the chain without contacts, see `free_chain.FreeChain`
-    pair_delassus: Any = None  # Delassus operator of contacts of two links, if there can be any
+    frame: Array | None  # (contacts, 3, 3) contact frames; None on a flat floor
+    free: FreeChain  # the chain without contacts
 
 
 @inlined

@@ -18,11 +18,10 @@ give the velocities without contact impulses, ``X f``.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.articulated_body import Chain, FreeChain
 from snake_sim_ros.dynamics.compilation import inlined, Packs, pair, square_root
 from snake_sim_ros.dynamics.spatial_vectors import (
     add,
@@ -45,16 +44,6 @@ from snake_sim_ros.dynamics.spatial_vectors import (
     symmetric_times,
 )
 from snake_sim_ros.scene.parameters import Array
-
-
-class FreeChain(NamedTuple):
-    """The factors of a chain of n links, and the loads of its momentum and torques."""
-
-    axis: Array  # (n-1, 2, 6) scaled axes S U^-1
-    reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
-    root: Array  # (6, 6) factors of the root
-    load: Array  # (2n+4,) scaled loads of momentum and torques
-    end_load: Array  # (2n+4,) the same with contact impulses
 
 
 def make_free_chain(n: int) -> FreeChain:

@@ -100,17 +100,8 @@ def implicit_pd_law(
     """
     Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
 
-    Parameters
-    ----------
-    dt : float
-        Time over which the rate acts on the angle [s].
-    angle, rate : float
-        Predicted angle [rad] and rate [rad/s] at the end.
-    reference : tuple of float
-        Reference angle [rad] and rate [rad/s] at the end.
-    gains : tuple of float
-        As in `pd_law`.
-
+    The rate acts on the angle for a time dt [s]. Angle [rad] and rate [rad/s] are predicted ones
+    at the end, and the references are those of the end; gains are as in `pd_law`.
     """
     stiffness, damping = gains
     torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]
@@ -245,18 +236,9 @@ def read_by_controllers(
     """
     Return the references (n-1, 2) in effect in a step, after what the loop reads at its start.
 
-    Parameters
-    ----------
-    loop : ControlLoop
-    memory : ControlMemory
-    dt : float
-        Time step [s].
-    start : tuple of ndarray and float
-        Joint angles and rates, shapes (n-1, 2), and how long after the start of the step they
-        were so [rad], [rad/s], [s].
-    angle, rate : ndarray, shape (n-1, 2)
-        References at the middle of the step [rad], [rad/s].
-
+    `start` are joint angles and rates, shapes (n-1, 2), and how long after the start of the step
+    they were so [rad], [rad/s], [s]. `angle` and `rate`, shape (n-1, 2), are the references at the
+    middle of the step of dt [s].
     """
     if not loop.present:
         return angle, rate
@@ -290,23 +272,9 @@ def held_torque(
     """
     Return what is held on axis k of joint j, and what its controller knows at any time.
 
-    Parameters
-    ----------
-    loop : ControlLoop
-    memory : ControlMemory
-    j, k : int
-    stiffness : float
-        Of the controller [N m/rad].
-    rate : float
-        Reference in effect in the step [rad/s].
-
-    Returns
-    -------
-    torque : float
-        Constant until the next sample or command [N m].
-    stiffness, rate : float
-        Of the spring and of the damper that act all the time.
-
+    From the stiffness [N m/rad] of the controller and the reference rate in effect [rad/s]: the
+    torque that is constant until the next sample or command [N m], and stiffness and rate of the
+    spring and of the damper that act all the time.
     """
     torque = memory.effort[j, k] if len(memory.effort) > 0 else 0.0
     if loop.period > 0:

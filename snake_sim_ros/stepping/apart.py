@@ -14,7 +14,7 @@ from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import line_search, Newton
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_record
 from snake_sim_ros.scene.parameters import Scene
@@ -77,11 +77,10 @@ def compile_solver(scene: Scene, level: str) -> None:
     function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
     model, history = (
         type_of(stepper.model),
-        type_of_record(stepper.empty._replace(control=None, memory=None)),
+        type_of_record(ContactHistory(*stepper.empty[:3])),
     )
     if function is moreau.advance_moreau:
-        whole = type_of(stepper.empty)
-        compile_call(solve_contacts, type_of(first), _problem(stepper), whole, type_of(1))
+        compile_call(solve_contacts, type_of(first), _problem(stepper), history, type_of(1))
     elif function is bdf2.advance_bdf2:
         terms = type_of_record(bdf2.Terms(0.0, 0.0, 0.0, 0))
         rest = _problem(stepper), terms, type_of(_steps(scene, stepper))
@@ -109,7 +108,9 @@ def _contacts(stepper: Any) -> list[Any]:
 
 def _problem(stepper: Any) -> Any:
     """Return the type of the contact problem of the steps in space."""
-    return made_type(Problem, *_contacts(stepper), type_of(stepper.work.chain))
+    return made_type(
+        Problem, *_contacts(stepper), type_of(stepper.work.chain), type_of(stepper.work.pairs)
+    )
 
 
 def compile_search(scene: Scene, level: str) -> None:
@@ -133,7 +134,4 @@ def compile_loop(scene: Scene, level: str) -> None:
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     inputs = Inputs(none, none, stepper.no_samples, NO_PUSHES)
     now = initial_state(scene), stepper.empty_history(), inputs
-    if level == 'planar':
-        stepper.take_steps(*now, goes_on=False)
-    else:
-        stepper.take_steps(*now)
+    stepper.take_steps(*now)

@@ -4,10 +4,10 @@
 
 from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
-from typing import Any
 
 from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.newton import Newton
+from snake_sim_ros.contact.problem import Solver
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
@@ -24,7 +24,7 @@ from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
 
-Make = Callable[[Scene], Any]  # a contact solver for a scene
+Make = Callable[[Scene], Solver]  # a contact solver for a scene
 
 
 def paper_method(

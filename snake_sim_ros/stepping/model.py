@@ -8,7 +8,7 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.contacts import Contacts, make_contacts
-from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, Obstacles
 from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
 from snake_sim_ros.contact.linear_problem import Operator
@@ -66,6 +66,7 @@ class Workspace(NamedTuple):
     axes: AxisLaws  # laws of the joint axes in this step
     moving: Array  # (n, 6) velocities that lead to a landing, as `u`; see `closing`
     chain: Chain  # the links as a tree, about O
+    pairs: Delassus | None  # of the contacts of two links; None on a flat floor
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
     contacts: Contacts  # all contacts of the scene, see `contact.problem`
@@ -143,11 +144,9 @@ def make_workspace(scene: Scene) -> Workspace:
             no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
             free=make_free_chain(n),
-            # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
-            pair_delassus=None
-            if is_flat(scene)
-            else make_delassus(5 * len(pair_contacts(scene)), n),
         ),
+        # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
+        pairs=None if is_flat(scene) else make_delassus(5 * len(pair_contacts(scene)), n),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),
         contacts=make_contacts(contact_links(scene)),

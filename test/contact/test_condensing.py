@@ -44,7 +44,7 @@ def shifted_problem(model, work, steps):
 @compiled
 def operators(problem, operator, columns, free):
     """Condense the contacts; fill columns of G and free velocities from sweeps over the chain."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     solution = contacts.solution
     width = impulse_width(laws)
     prepare_contacts(operator, problem)
@@ -83,7 +83,7 @@ def one_iteration(problem, operator, history):
 @compiled
 def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
-    part = Problem(problem.laws, some, problem.contacts, problem.chain)
+    part = problem._replace(closed=some)
     prepare_contacts(operator, part if fresh else problem)
     return solve_prepared(operator, part, history, model.iteration_limit).converged
 
@@ -121,7 +121,7 @@ def started(name):
     record = Record(*make_samples(scene, 0, 0)[:-1])
     steps = make_steps((state.q.copy(), state.u.copy()), history, (still, still), record)
     closed = work.closed[: shifted_problem(model, work, steps)]
-    problem = Problem(model.laws, closed, work.contacts, work.chain)
+    problem = Problem(model.laws, closed, work.contacts, work.chain, work.pairs)
     return scene, model, problem, history, make_operator(contact_count(scene), scene)
 
 

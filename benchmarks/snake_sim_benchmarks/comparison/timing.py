@@ -45,7 +45,7 @@ from snake_sim_ros.stepping.moreau import begin_step, end_step, solve_step
 from snake_sim_ros.stepping.planar import moreau as planar
 from snake_sim_ros.stepping.planar.solvers import PlanarNewton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.sampling import Keep, Limits
+from snake_sim_ros.stepping.sampling import Hooks, Keep, Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.steps import Steps
@@ -218,7 +218,9 @@ def timed(
         cycles.append(np.diff(simulation.stepper.cycles[: simulation.last.steps + 1]))
 
     start = time.perf_counter(), cycle_counter()
-    trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), progress=note)
+    trajectory = sample(
+        simulation, steps, samples, limits=Limits(seconds=limit), hooks=Hooks(progress=note)
+    )
     wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
     microseconds = tick_length(wall, ticks) * np.concatenate(cycles)
     return TimedRun(

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.detection import Patches
-from snake_sim_ros.contact.problem import Outcome
+from snake_sim_ros.contact.problem import ContactHistory, make_contact_history, Outcome
 from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
+from snake_sim_ros.dynamics.joint_laws import begin_predicted_laws, MOST_CHANGES
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import (
@@ -45,7 +45,6 @@ from snake_sim_ros.stepping.planar.equilibrium import (
 from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.moreau import (
     begin_planar_impact,
-    begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
     hold_absent_yaw_axes,
@@ -54,6 +53,7 @@ from snake_sim_ros.stepping.planar.moreau import (
     keep_planar_sample,
     stop_impact,
     yaw_axes_change,
+    yaw_loads,
 )
 from snake_sim_ros.stepping.planar.solvers import (
     PlanarNewton,
@@ -61,7 +61,7 @@ from snake_sim_ros.stepping.planar.solvers import (
     solve_planar_contacts,
 )
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane
-from snake_sim_ros.stepping.state import History, make_history, without_memory
+from snake_sim_ros.stepping.state import of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
@@ -107,7 +107,7 @@ class PlanarBdf2Arrays(NamedTuple):
     moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
-    kept: History  # before a part of the step
+    kept: ContactHistory  # before a part of the step
     solver: PlanarNewton
 
 
@@ -136,7 +136,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
         np.zeros((n, 3)),
         angle,
         rate,
-        make_history(contacts),
+        make_contact_history(contacts),
         PlanarNewton(),
     )
 
@@ -225,7 +225,7 @@ def move_planar(model: PlanarModel, h: float, u: Array, motion: PlanarMotion) ->
 
 @inlined
 def predict_loads(
-    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: History
+    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: ContactHistory
 ) -> None:
     """Scale what the last step left of the contacts to one of dt, with impulses for a time h."""
     span, before = memory.span[0], memory.dt[0]
@@ -265,9 +265,12 @@ def begin_planar_part(
             h_q, bend, 0.0, reference, (model.stiffness[j], model.damping[j])
         )
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
+        work.bend[j, 0, 0], work.bend[j, 0, 1] = bend, u_star[j + 1, 2] - u_star[j, 2]
+        work.bend[j, 0, 2] = start[j + 1] - start[j]
     hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
-        begin_predicted_yaw_axes(model, work, (start, hat.heading), u_star, h, h_q)
+        way, loads = (work.bend[:, :, 2], work.bend[:, :, 0]), yaw_loads(work)
+        begin_predicted_laws(model.joint_laws, work.axes, (h, h_q), way, work.bend[:, :, 1], loads)
     fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)
 
@@ -311,10 +314,10 @@ def planar_part(
     dt, stretch, most = task
     history, memory, report = steps.history, steps.history.memory.scheme, steps.report[0]
     h, h_q = planar_formula(model, dt, memory, own)
-    predict_loads(h, dt, work, memory, history)
+    contact_history, meets = of_contacts(history), False
+    predict_loads(h, dt, work, memory, contact_history)
     begin_planar_part(model, own, work, memory.end.heading, h, h_q)
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
-    contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         most = max(most, report.iterations + least_iterations(model.iteration_limit))
         for attempt in range(MOST_CHANGES):
@@ -376,13 +379,13 @@ def planar_step(
         dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, ends)
         if model.path_tolerance > 0.0:
-            copy_history(steps.history, own.kept)
+            copy_history(of_contacts(steps.history), own.kept)
         part = planar_part(own, model, work, Task(dt, place.stretch, most), steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, size = judge_part(model.path_tolerance, error, place.size)
         taken = taken or report.iterations >= most
         if not taken:
-            copy_history(own.kept, steps.history)
+            copy_history(own.kept, of_contacts(steps.history))
         elif is_planar(model, work, steps, part.outcome):
             take_planar(own, model, work, dt, part, memory)
         else:

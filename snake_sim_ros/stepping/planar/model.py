@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of `stepping.model` for a step in the plane, and what it keeps of the last step."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from snake_sim_ros.scene.obstacles import contact_count, contact_links, first_pe
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.stepping.model import make_model
-from snake_sim_ros.stepping.state import named_arrays
+from snake_sim_ros.stepping.state import Memory, named_arrays
 
 # How a robot stands in a step; see `equilibrium.find_loads` and `moreau.is_planar`.
 STANDING = np.dtype(
@@ -54,14 +54,14 @@ class PlanarMemory(NamedTuple):
     slip: Array  # (1,)
     way: Array  # (1,)
     effort: Array  # (1,) iterations of the last steps, a mean that forgets; see `moreau.is_planar`
-    scheme: Any  # memory of the method, a NamedTuple of arrays, or None
+    scheme: Memory | None  # memory of the method
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
-        return float(self.scheme.last_span()) if self.scheme else 0.0
+        return self.scheme.last_span() if self.scheme else 0.0
 
 
-def make_planar_memory(n: int, scheme: Any = None) -> PlanarMemory:
+def make_planar_memory(n: int, scheme: Memory | None = None) -> PlanarMemory:
     """Return the memory before the first step, for n links."""
     one = np.zeros((5, 1))
     q, u, tilt = np.zeros(n + 2), np.zeros((n, 3)), np.zeros((n, 4))
@@ -136,6 +136,9 @@ class PlanarWorkspace(NamedTuple):
     bare: Array  # (n, 6) inertias of the links about O, in the plane [kg m^2], [kg m], [kg]
     applied: Array  # (n-1, 2) impulses of the joints with the implicit part [N m s]
     axes: AxisLaws
+    # (n-1, 1, 3) of the yaw joints: angle [rad] and rate [rad/s] at the middle of a step of the
+    # paper, or at the end of one of `bdf2`, without the rates of the end; angle at its start [rad]
+    bend: Array
     middle: Array  # (n, 2) middles of the contacts of the links with the floor, from O [m]
     impact: Array  # (n, 3) momentum out of the plane that the first step stops
     weight: Array  # (n, 3) loads out of the plane without those of the contacts
@@ -242,6 +245,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         bare=np.zeros((n, 6)),
         applied=np.zeros((n - 1, 2)),
         axes=make_axis_laws(scene.robot),
+        bend=np.zeros((n - 1, 1, 3)),
         middle=np.zeros((n, 2)),
         impact=np.zeros((n, 3)),
         weight=np.zeros((n, 3)),

@@ -211,7 +211,7 @@ def rate_of_change(
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    pose = Pose(work.q_mid, work.R, work.center)
+    pose = Pose(model.robot, work.q_mid, work.R, work.center)
     found = Found(work.closed, work.contacts, chain.frame)
     closed = work.closed[: find_contacts(model.obstacles, 0.0, model.robot, pose, found)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)

@@ -198,9 +198,9 @@ def simulate(case: Case) -> Run:
     simulation.state = case.start
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     simulation.stepper.advance(case.start, simulation.history, none, none)  # compiles
-    limits = Limits(unconverged=UNCONVERGED_LIMIT)
+    limits = Limits(unconverged=UNCONVERGED_LIMIT, times_references=True)
     keep = Keep(impulses=True)
-    trajectory = sample(simulation, steps, samples, keep=keep, limits=limits, time_references=True)
+    trajectory = sample(simulation, steps, samples, keep=keep, limits=limits)
     last = simulation.state
     q = np.concatenate([trajectory.coordinates, last.q[None]])
     u = np.concatenate([trajectory.velocity, last.u[None]])

@@ -16,14 +16,11 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 
 FAST = 'pytest.mark.fast'  # what files of fast tests say
 
-# All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
-# without the compiler. test_without_compiler.py runs these without it, for every method, and those
-# that are here twice: with it they are longer, for the methods that are most used.
+# They call functions that are compiled for compiled ones only; test_without_compiler.py runs them.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']
-    collect_ignore += ['contact/test_self_contact.py', 'contact/test_soft_impacts.py']
-    collect_ignore += ['stepping/test_change.py', 'stepping/test_one_step.py']
+    collect_ignore += ['contact/test_condensing.py', 'stepping/test_change.py']
+    collect_ignore.append('stepping/test_one_step.py')
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
     collect_ignore.append('system/test_follow_joint_trajectory.py')
 

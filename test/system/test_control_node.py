@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 
 from snake_sim_ros import Following, PlanarPath
+from snake_sim_ros.scene.parameters import load_scene
 
 OWN = """
 import numpy as np
@@ -83,12 +84,12 @@ def test_controller_of_a_user_moves_the_robot_and_its_errors_hold_it(sim, tmp_pa
     wanted = np.tile([0.2, 0.0], 10)
     assert np.array(sim.commanded[-1].position) == pytest.approx(wanted, abs=1e-9)
     assert np.array(sim.joint_states[-1].position) == pytest.approx(wanted, abs=0.1)
-    # A cubic blend of 1 s, from where the robot was, has rates up to 1.5 times the way.
+    # A cubic blend of 1 s has rates up to 1.5 times the way, from where a gait starts to 0.3 rad.
     blended = [m for m in sim.commanded if 1e-9 * nanoseconds(m) < begin + 1.5]
     angles = np.array([message.position for message in blended])
     times = np.diff([1e-9 * nanoseconds(message) for message in blended])
-    way = np.abs(angles[-1] - angles[0]).max()
-    assert way > 0.3
+    way = 0.3 + load_scene('lateral_undulation').gait.yaw.amplitude
+    assert np.abs(angles[-1] - angles[0]).max() > 0.1
     assert (np.abs(np.diff(angles, axis=0)) <= 1.5 * way * times[:, None] + 1e-6).all()
     sim.reset()
     sim.graph.until(

@@ -125,7 +125,7 @@ class FollowNode(Node):
     def _follow(self, path: PlanarPath | None) -> None:
         """Follow another path from here on, or none."""
         following, gait = self.scene.follow, self.scene.gait
-        stride = Stride.of(gait)
+        stride = Stride.of(gait, self.scene.friction)
         speed = speed_along(following, gait, stride)
         self.path = path
         self.guidance = LineOfSight(following, path, stride, speed) if path else None

@@ -197,10 +197,15 @@ class Run(Trajectory):
         path : str or Path
             Ends in .png, .pdf or .svg.
 
-        """
-        from snake_sim_ros.view.chart import draw
+        Raises
+        ------
+        ParameterError
+            If matplotlib is not installed.
 
-        draw(self, Path(path))
+        """
+        from snake_sim_ros.view import charts
+
+        charts().draw(self, Path(path))
 
 
 def load_scene(source: Scene | str | Path, values: Values | None = None, **more: Any) -> Scene:

@@ -42,8 +42,12 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files that take minutes, so that both processes end together."""
-    items.sort(key=lambda item: item.get_closest_marker('long') is None)
+    """Begin with the files that take minutes; then mix live nodes, which wait, and others."""
+    files = dict.fromkeys(item.path for item in items)
+    live = [path for path in files if path.parent.name == 'system']
+    others = [path for path in files if path.parent.name != 'system']
+    place = {path: k / len(kind) for kind in (live, others) for k, path in enumerate(kind)}
+    items.sort(key=lambda item: (not item.get_closest_marker('long'), place[item.path]))
 
 
 @pytest.hookimpl(hookwrapper=True, tryfirst=True)

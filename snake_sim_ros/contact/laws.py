@@ -165,7 +165,7 @@ def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Contacts, a
 
 
 @inlined
-def changes_side(other: OtherFriction, contacts: Contacts, a: int) -> bool:
+def changes_side(other: OtherFriction | None, contacts: Contacts, a: int) -> bool:
     """Return whether the iterate of contact a has friction of another side than its anchor."""
     if other is None:
         return False
@@ -233,16 +233,17 @@ def add_viscous_friction(
         Those of a `problem.Problem`, with shifts; ``chain.bare`` is added to.
 
     """
-    geometry, solution = contacts.geometry, contacts.solution
+    geometry, solution, frame = contacts.geometry, contacts.solution, chain.frame
     if other is None:
         return
+    assert frame is not None
     for k in range(len(closed) if other.is_viscous else 0):
         a = closed[k]
         if a < other.first_peg and solution.shift[a] <= 0.0:
             resistance = viscosity(other, h, contacts, a)
             inertia = chain.bare[geometry.link[a]]
             for axis in range(2):
-                w = direction(geometry.point, chain.frame, a, axis + 1)
+                w = direction(geometry.point, frame, a, axis + 1)
                 for i in range(6):
                     for j in range(6):
                         inertia[i, j] += resistance[axis] * w[i] * w[j]

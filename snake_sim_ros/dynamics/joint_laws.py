@@ -25,11 +25,11 @@ P is that of the solution before, so that what is left of w - v vanishes with th
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -348,9 +348,16 @@ class Trial(NamedTuple):
     left: int  # iterations that it was allowed to take
 
 
+class Counts(Protocol):
+    """What the laws count in the report of the steps."""
+
+    iterations: int  # of the contact solver
+    unconverged: int  # steps without an end
+
+
 @inlined
 def joint_laws_change(
-    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Table
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Counts
 ) -> bool:
     """
     Fill torques and dampings of the next solution; return whether there is one.

@@ -15,7 +15,7 @@ from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import line_search, Newton
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
-from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.compilation import Dispatched, record_type
 from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_record
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import moreau
@@ -27,10 +27,10 @@ from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.steps import make_steps, REPORT, Steps
+from snake_sim_ros.stepping.steps import LoopReport, make_steps, Steps
 
 OUTCOME_TYPE = type_of_record(Outcome(0, False, 0.0, 0.0, False))
-REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
+REPORT_TYPE = type_of(np.zeros(1, record_type(LoopReport))).dtype
 
 
 def one_level(scene: Scene, level: str) -> Any:

@@ -11,7 +11,7 @@ as many steps like the last ones are requested.
 
 from collections.abc import Callable, Iterable
 import math
-from typing import cast, NamedTuple
+from typing import cast, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from snake_sim_ros.dynamics.records import Block, BoundCall, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.model import Model, Workspace
-from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.pushes import lifts_in_step, NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, make_samples, Samples
 from snake_sim_ros.stepping.state import (
@@ -33,7 +32,17 @@ from snake_sim_ros.stepping.state import (
     State,
     with_arrays,
 )
-from snake_sim_ros.stepping.steps import clear_report, make_steps, Record, report_of, Steps
+from snake_sim_ros.stepping.steps import (
+    clear_report,
+    LoopReport,
+    make_steps,
+    Record,
+    report_of,
+    Steps,
+)
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
 PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
 # Steps for which a loop is right: all, those that leave a flat robot flat, those with a pitch
@@ -64,8 +73,8 @@ class LoopStepper:
     no_record: Record
 
     def __init__(
-        self, scene: Scene, loop: Callable[..., None], model: Model | PlanarModel,
-        work: Workspace | PlanarWorkspace, memory: Memory | None,
+        self, scene: Scene, loop: Callable[..., None], model: 'Model | PlanarModel',
+        work: 'Workspace | PlanarWorkspace', memory: Memory | None,
     ) -> None:  # fmt: skip
         self.loop, self.model, self.work = loop, model, work
         self.empty = empty_history(scene, memory)
@@ -128,7 +137,7 @@ class Next(NamedTuple):
     angle: Array  # (steps, n-1, 2) as in `Steps` [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     settling: Array  # (1,) as in `state.History`
-    report: Table  # (1,) a record of REPORT
+    report: Table[LoopReport]  # (1,)
     pushes: PushTable  # as in `Steps`
 
 

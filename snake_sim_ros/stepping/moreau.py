@@ -53,7 +53,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, furthest_angles, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
@@ -85,6 +85,7 @@ from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
@@ -154,7 +155,7 @@ def begin_landing(problem: Problem, count: int, history: History) -> Problem:
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: LoopReport
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
@@ -275,7 +276,7 @@ def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> flo
 
 
 @inlined
-def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
+def turns_are_small(dt: float, twist: Array, report: LoopReport) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -286,7 +287,7 @@ def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
 
 
 @inlined
-def note_joints(model: Model, q: Array, report: Table) -> None:
+def note_joints(model: Model, q: Array, report: LoopReport) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -295,7 +296,7 @@ def note_joints(model: Model, q: Array, report: Table) -> None:
 
 @inlined
 def report_end(
-    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Table
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: LoopReport
 ) -> bool:
     """
     Report a step at its end.

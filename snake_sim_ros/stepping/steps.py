@@ -15,26 +15,26 @@ from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
 
-# Fields of `base.Report` that a loop adds up, and the reason why it ended early.
-REPORT = np.dtype(
-    [
-        ('steps', np.int64),
-        ('iterations', np.int64),
-        ('iterations_max', np.int64),
-        ('unconverged', np.int64),
-        ('fallbacks', np.int64),
-        ('residual_max', float),  # [m/s]
-        ('printed_residual_max', float),  # [m/s]
-        ('penetration_max', float),  # [m]
-        ('joint_gap_max', float),  # [m]
-        ('joint_twist_max', float),  # [1]
-        ('further_parts', np.int64),
-        ('contacts', np.int64),
-        ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
-        ('failed_turn', float),  # the angle by which it would [rad]
-        ('not_planar', np.int64),  # whether the next step is not planar
-    ]
-)
+
+class LoopReport:
+    """Fields of `base.Report` that a loop adds up, and the reason why it ended early."""
+
+    steps: int
+    iterations: int
+    iterations_max: int
+    unconverged: int
+    fallbacks: int
+    residual_max: float  # [m/s]
+    printed_residual_max: float  # [m/s]
+    penetration_max: float  # [m]
+    joint_gap_max: float  # [m]
+    joint_twist_max: float  # [1]
+    further_parts: int
+    contacts: int
+    failed_link: int  # link, from 1, that would turn too far; 0 for none
+    failed_turn: float  # the angle by which it would [rad]
+    not_planar: int  # whether the next step is not planar
+
 
 row_at = inlined(row_after)
 
@@ -68,7 +68,7 @@ class Steps(NamedTuple):
     history: History
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
-    report: Table  # (1,) a record of REPORT
+    report: Table[LoopReport]  # (1,)
     cycles: Array  # (steps+1,) time stamps before and after every step
     record: Record  # samples that the loop keeps
     pushes: PushTable  # forces from outside in these steps
@@ -87,7 +87,7 @@ def make_steps(
     They change the state, q and u, and the history in place.
     """
     (q, u), (angle, rate) = state, reference
-    report = record_array(1, REPORT)
+    report = record_array(1, LoopReport)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
     return Steps(q, u, history, angle, rate, report, cycles, record, pushes)
@@ -125,8 +125,8 @@ def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) ->
 
 
 @inlined
-def note_outcome(outcome: Outcome, report: Table) -> None:
-    """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
+def note_outcome(outcome: Outcome, report: LoopReport) -> None:
+    """Add an `Outcome` of a contact solver to a report."""
     report.iterations += outcome.iterations
     report.unconverged += outcome.converged == 0
     report.fallbacks += outcome.fell_back
@@ -135,7 +135,7 @@ def note_outcome(outcome: Outcome, report: Table) -> None:
 
 
 @inlined
-def noted(report: Table) -> tuple[int, int, int, int, float, float]:
+def noted(report: LoopReport) -> tuple[int, int, int, int, float, float]:
     """Return what `note_outcome` has added to a report."""
     return (
         report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
@@ -144,7 +144,7 @@ def noted(report: Table) -> tuple[int, int, int, int, float, float]:
 
 
 @inlined
-def take_back(before: tuple[int, int, int, int, float, float], report: Table) -> None:
+def take_back(before: tuple[int, int, int, int, float, float], report: LoopReport) -> None:
     """Set a report back to what was `noted` before a step that is not taken."""
     report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
     report.fallbacks, report.residual_max = before[3], before[4]
@@ -152,17 +152,17 @@ def take_back(before: tuple[int, int, int, int, float, float], report: Table) ->
 
 
 @inlined
-def iterations_left(most: int, report: Table) -> int:
+def iterations_left(most: int, report: LoopReport) -> int:
     """
     Return the iterations that the next solution of a step may take, at least 1.
 
-    The step is to end with `most` iterations in a report, a record of REPORT.
+    The step is to end with `most` iterations in a report.
     """
     return max(1, most - report.iterations)
 
 
 @inlined
-def count_steps(before: tuple[int, int, int, int, float, float], report: Table) -> None:
+def count_steps(before: tuple[int, int, int, int, float, float], report: LoopReport) -> None:
     """Count the step, not its solutions, of which `before` was `noted` before the step."""
     report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
@@ -170,8 +170,8 @@ def count_steps(before: tuple[int, int, int, int, float, float], report: Table) 
 
 
 @inlined
-def clear_report(report: Table) -> None:
-    """Empty a report, a record of REPORT."""
+def clear_report(report: LoopReport) -> None:
+    """Empty a report."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
     report.further_parts = 0
@@ -185,7 +185,8 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '
 
     `left` is as in `base.Report`.
     """
-    numbers: Any = steps.report[0].item()
+    record: Any = steps.report[0]
+    numbers = record.item()
     link, turn, _ = numbers[-3:]
     planar_steps = numbers[0] if level == 'planar' else 0
     failure = divergence(link, turn, dt) if link else ''

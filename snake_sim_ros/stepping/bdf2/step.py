@@ -55,7 +55,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
@@ -114,6 +114,7 @@ from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
@@ -133,7 +134,12 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 @inlined
 def axes_change(
-    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    robot: Mechanism,
+    work: Workspace,
+    outcome: Outcome,
+    attempt: int,
+    left: int,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     laws, chain = robot.joint_laws, work.chain

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of `stepping.model` for a step in the plane, and what it keeps of the last step."""
 
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -20,19 +20,20 @@ from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.stepping.model import make_model
 from snake_sim_ros.stepping.state import Memory, named_arrays
 
-# How a robot stands in a step; see `equilibrium.find_loads` and `moreau.is_planar`.
-STANDING = np.dtype(
-    [
-        ('least_load', float),  # smallest normal impulse [N s]
-        ('roll', float),  # largest roll of a link, with the sign of that of the middle link [rad]
-        ('part', float),  # share of a step for which the loads act
-        ('overloaded', np.int64),  # whether a pitch joint cannot hold the robot flat
-        ('slips', np.int64),  # whether the step is not planar only because of slip by rolling
-        ('tires', np.int64),  # whether its iterations cost more than a step in space
-    ]
-)
 ROLL_LIMIT = 1e-3  # largest roll of a robot that lies flat; its slip is neglected [rad]
 SLIP_SHARE = 5e-3  # share of the way up to which the slip by rolling is neglected
+
+
+class Standing(Table[Any]):
+    """How a robot stands in a step; see `equilibrium.find_loads` and `moreau.is_planar`."""
+
+    least_load: Annotated[Array, float]  # smallest normal impulse [N s]
+    # Largest roll of a link, with the sign of that of the middle link [rad].
+    roll: Annotated[Array, float]
+    part: Annotated[Array, float]  # share of a step for which the loads act [1]
+    overloaded: Annotated[Array, int]  # whether a pitch joint cannot hold the robot flat
+    slips: Annotated[Array, int]  # whether the step is not planar only because of slip by rolling
+    tires: Annotated[Array, int]  # whether its iterations cost more than a step in space
 
 
 class PlanarMemory(NamedTuple):
@@ -149,7 +150,7 @@ class PlanarWorkspace(NamedTuple):
     contacts: Contacts  # all contacts of the scene
     twist: Array  # (n, 3) twists of the links about O, in the plane [rad/s], [m/s]
     moving: Array  # (n, 3) velocities that move the coordinates to the end, as `u`
-    standing: Table  # (1,) a record of STANDING
+    standing: Standing  # (1,)
 
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found.
@@ -256,7 +257,7 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
         contacts=contacts,
         twist=np.zeros((n, 3)),
         moving=np.zeros((n, 3)),
-        standing=record_array(1, STANDING),
+        standing=record_array(1, Standing),
     )
 
 

@@ -33,7 +33,7 @@ import math
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome, Solver
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
@@ -62,6 +62,7 @@ from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
     keep_forces,
+    LoopReport,
     note_outcome,
     noted,
     sampled_row,
@@ -96,7 +97,7 @@ def yaw_axes_change(
     outcome: Outcome,
     attempt: int,
     left: int,
-    report: Table,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws

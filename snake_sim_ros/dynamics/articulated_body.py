@@ -45,11 +45,16 @@ ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class FreeChain(NamedTuple):
-    """The factors of a chain of n links without contacts, and its loads; see `free_chain`."""
+    """
+    The factors of a chain of n links without contacts, and its loads; see `free_chain`.
+
+    U is in kg^1/2 m where it scales turns, and in kg^1/2 where it scales ways of the root. Scaled
+    loads are in kg^1/2 m/s.
+    """
 
     axis: Array  # (n-1, 2, 6) scaled axes S U^-1
     reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
-    root: Array  # (6, 6) factors of the root
+    root: Array  # (6, 6) factor U of the root
     load: Array  # (2n+4,) scaled loads of momentum and torques
     end_load: Array  # (2n+4,) the same with contact impulses
 
@@ -66,12 +71,13 @@ class Chain(NamedTuple):
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
     damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate of the axes [N m s^2]
-    bare: Array  # (n, 6, 6) inertia of the links alone, about O
+    bare: Array  # (n, 6, 6) inertia of the links alone
     momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
     inertia: Array  # (n, 6, 6) articulated inertia; in inertia[n // 2] factors of the root
     wrench: Array  # (n, 6) load of every link: momentum plus impulse wrench
-    left: Array  # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S
-    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping
+    # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S [1], [1/m]
+    left: Array
+    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping [1], [1/m]
     compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1 [1/(kg m^2)]
     load: Array  # (n-1, 2) loads of the joint axes [N m s]
     rate: Array  # (n-1, 2) rates of the joint axes [rad/s]
@@ -79,8 +85,9 @@ class Chain(NamedTuple):
     residual_torque: Array  # (n-1, 2) torque less what the rates resist [N m s]
     twist: Array  # (n, 6) twists of the links: the solution
     correction: Array  # (n, 6) correction of these twists
-    no_torque: Array  # (n-1, 2) zeros
-    frame: Array | None  # (contacts, 3, 3) contact frames; None on a flat floor
+    no_torque: Array  # (n-1, 2) zeros [N m s]
+    # (contacts, 3, 3) contact frames, rows normal, e_x, e_y in axes of I; None on a flat floor
+    frame: Array | None
     free: FreeChain  # the chain without contacts
 
 
@@ -113,12 +120,12 @@ class Joints(NamedTuple):
     left, right and compliance; `articulated_velocity` reads these and fills load.
     """
 
-    axis: Array
-    damping: Array
-    left: Array
-    right: Array
-    compliance: Array
-    load: Array
+    axis: Array  # (n-1, 2, 6)
+    damping: Array  # (n-1, 3) [N m s^2]
+    left: Array  # (n-1, 2, 6) [1], [1/m]
+    right: Array  # (n-1, 2, 6) [1], [1/m]
+    compliance: Array  # (n-1, 4) [1/(kg m^2)]
+    load: Array  # (n-1, 2) [N m s]
 
 
 @inlined

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import update_wrapper
+from functools import cache, update_wrapper
 import gc
 import operator
 import os
@@ -242,6 +242,7 @@ class Table(Generic[Record]):
         return self.records[key]
 
 
+@cache
 def record_type(fields: type) -> np.dtype[Any]:
     """
     Return the type of records from a class that lists their fields.

@@ -129,9 +129,10 @@ class ControlMemory(NamedTuple):
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
-    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
-    late: Array  # (2, n-1, 2) references in effect in this step
-    held_reference: Array  # (2, n-1, 2) references that are held, with rates 0
+    # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet [rad], [rad/s]
+    queue: Array
+    late: Array  # (2, n-1, 2) references in effect in this step [rad], [rad/s]
+    held_reference: Array  # (2, n-1, 2) those that are held, with rates 0 [rad], [rad/s]
 
 
 def control_periods(robot: Robot) -> dict[str, float]:

@@ -117,8 +117,8 @@ class LoopStepper:
 class End(NamedTuple):
     """What a stepper makes of the end of a loop. Both are copies."""
 
-    state: Callable[[Steps], State]
-    history: Callable[[Steps], History]
+    state: Callable[[Steps], State]  # q and u as links in space
+    history: Callable[[Steps], History]  # with the memory of the level
 
 
 class Calls(NamedTuple):

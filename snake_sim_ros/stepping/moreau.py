@@ -19,6 +19,7 @@ placed as if the joints were closed exactly.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,7 +54,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, furthest_angles, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
@@ -84,11 +85,11 @@ from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_sample,
     LoopReport,
     note_outcome,
     noted,
     Steps,
+    take_step,
 )
 
 
@@ -317,26 +318,25 @@ def report_end(
     return left > 0.0
 
 
-@compiled
-def advance_moreau(solver: Solver, model: Model, work: Workspace, steps: Steps) -> None:
-    """
-    Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
+class Moreau(NamedTuple):
+    """The step of the paper, with a contact solver; see `contact.problem.solve_contacts`."""
 
-    The type of `solver` chooses the contact solver; see `contact.problem.solve_contacts`.
-    """
+    solver: Solver
+
+
+@take_step.register(Moreau)
+@inlined
+def take_moreau_step(
+    own: Moreau, model: Model, work: Workspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it diverges; see `steps.take_step`."""
     report = steps.report[0]
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        before = noted(report)
-        problem = begin_step(model, work, steps, k)
-        problem, outcome, lands = solve_step(solver, model, work, steps, problem)
-        goes_on = end_step(model, work, steps, problem, outcome, lands)
-        count_steps(before, report)
-        if report.steps > k:
-            keep_sample(k, model.dt, model.dt, work.applied, steps)
-        if not goes_on:
-            break
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    before = noted(report)
+    problem = begin_step(model, work, steps, k)
+    problem, outcome, lands = solve_step(own.solver, model, work, steps, problem)
+    goes_on = end_step(model, work, steps, problem, outcome, lands)
+    count_steps(before, report)
+    return goes_on, model.dt
 
 
 def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:

@@ -1,19 +1,29 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The steps that a compiled loop takes, its report and its samples."""
+"""The compiled loop over steps, its report and its samples."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import inlined, record_array, Table
-from snake_sim_ros.dynamics.kinematics import copy_rows
+from snake_sim_ros.dynamics.compilation import (
+    compiled,
+    cycle_counter,
+    Dispatched,
+    inlined,
+    record_array,
+    Table,
+)
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.model import Model, Workspace
+    from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
 
 class LoopReport:
@@ -65,7 +75,7 @@ class Steps(NamedTuple):
 
     q: Array  # (n, 7) as in `state.State`; in the plane (n+2,) as in `planar.model.PlanarMemory`
     u: Array  # (n, 6) as in `state.State`; in the plane (n, 3)
-    history: History
+    history: History  # of the last step
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     report: Table[LoopReport]  # (1,)
@@ -93,35 +103,66 @@ def make_steps(
     return Steps(q, u, history, angle, rate, report, cycles, record, pushes)
 
 
-@inlined
-def sampled_row(k: int, record: Record) -> int:
-    """Return the row of a sample after step k; -1 if there is none."""
-    return row_at(k, record.every, record.first, len(record.span))
+Integrator = tuple[object, ...]  # a NamedTuple, whose type chooses the step
+AnyModel: TypeAlias = 'Model | PlanarModel'
+AnyWorkspace: TypeAlias = 'Workspace | PlanarWorkspace'
+
+
+@Dispatched
+def take_step(  # type: ignore[empty-body]
+    integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """
+    Take step k with the integrator that belongs to the type of `integrator`.
+
+    The call is compiled. Every integrator registers a class of its own, which holds its contact
+    solver or its arrays. It moves q, u and history, adds step and solutions to the report, and
+    fills `work.applied`. If `shows`, q and u are read after the step.
+
+    Returns
+    -------
+    goes_on : bool
+        Whether the loop goes on.
+    span : float
+        Time for which the impulses of the step acted [s].
+
+    """
+
+
+@compiled
+def advance(integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps) -> None:
+    """Take the steps up to the first that the integrator does not take; see `take_step`."""
+    report, record, count = steps.report[0], steps.record, len(steps.angle)
+    for k in range(count):
+        steps.cycles[k] = cycle_counter()
+        row = row_at(k, record.every, record.first, len(record.span))
+        goes_on, span = take_step(integrator, model, work, steps, k, row >= 0 or k + 1 == count)
+        if row >= 0 and report.steps > k:
+            keep_sample(row, model.dt, span, work.applied, steps)
+        if not goes_on:
+            break
+    steps.cycles[count] = cycle_counter()
 
 
 @inlined
-def keep_forces(
-    row: int, applied: Array, dt: float, span: float, history: History, record: Record
-) -> None:
-    """Fill a row with the torques of joint impulses (n-1, 2) of a step of dt, and the impulses."""
+def keep_sample(row: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
+    """Fill a row of the record after a step of dt [s]; its impulses acted for a span [s]."""
+    record, history = steps.record, steps.history
+    copy_numbers(steps.q, record.q[row])
+    copy_numbers(steps.u, record.u[row])
+    copy_numbers(history.impulse, record.impulse[row])
     for j in range(len(applied)):
         for k in range(2):
             record.torque[row, j, k] = applied[j, k] / dt
-    for a in range(len(history.impulse)):
-        for k in range(5):
-            record.impulse[row, a, k] = history.impulse[a, k]
     record.span[row] = span
 
 
 @inlined
-def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
-    """Keep the state after step k of dt [s], if it is a sample; impulses acted for a span [s]."""
-    record = steps.record
-    row = sampled_row(k, record)
-    if row >= 0:
-        copy_rows(steps.q, record.q[row], 7)
-        copy_rows(steps.u, record.u[row], 6)
-        keep_forces(row, applied, dt, span, steps.history, record)
+def copy_numbers(array: Array, to: Array) -> None:
+    """Copy the numbers of an array of any dimension to one of the same shape."""
+    numbers, copies = array.reshape(array.size), to.reshape(array.size)
+    for k in range(len(numbers)):
+        copies[k] = numbers[k]
 
 
 @inlined

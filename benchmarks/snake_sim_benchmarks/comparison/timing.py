@@ -416,7 +416,7 @@ TIMED_STEPS = 1000
 
 @compiled
 def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -> None:
-    """Do what `advance_moreau` does, with a time stamp after every stage, and a sweep apart."""
+    """Do what `take_moreau_step` does, with a time stamp after every stage, and a sweep apart."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         problem = begin_step(model, work, steps, k)
@@ -434,7 +434,7 @@ def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -
 
 @compiled
 def planar_stages(model: Any, work: Any, steps: Steps, stamps: Array) -> None:
-    """Do what `advance_in_plane` does, with a time stamp after every stage."""
+    """Do what `take_planar_step` does, with a time stamp after every stage."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         count = planar.begin_planar_step(model, work, steps, k)

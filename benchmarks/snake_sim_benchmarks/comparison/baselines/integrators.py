@@ -34,11 +34,12 @@ from snake_sim_ros.scene.gait import amplitudes
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
-from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.model import make_model, make_workspace
+from snake_sim_ros.stepping.moreau import Moreau
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.steps import advance
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 JACOBIAN_DIFFERENCE = 1e-8  # in the unit of each number; less than the sag of a link
@@ -105,7 +106,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     scene = with_settings(scene, {'solver.activation_tolerance': 0.0})
     mass = scene.robot.per_link('link_mass')
     springs = regularized.Springs(make_law(penalty), mass, scene.dt)
-    return SpatialStepper(scene, partial(moreau.advance_moreau, springs))
+    return SpatialStepper(scene, partial(advance, Moreau(springs)))
 
 
 def make_pyramid(scene: Scene) -> Stepper:
@@ -123,7 +124,7 @@ def make_pyramid(scene: Scene) -> Stepper:
     """
     refuse_rolling(scene)
     solver = Pyramid(make_delassus(3 * contact_count(scene), scene.robot.link_count))
-    return SpatialStepper(scene, partial(moreau.advance_moreau, solver))
+    return SpatialStepper(scene, partial(advance, Moreau(solver)))
 
 
 class SmoothRobot:

@@ -54,7 +54,7 @@ class FreeChain(NamedTuple):
 
     axis: Array  # (n-1, 2, 6) scaled axes S U^-1
     reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
-    root: Array  # (6, 6) factor U of the root
+    root: Array  # (6, 6) factors of the root; see `free_chain.factor_root`
     load: Array  # (2n+4,) scaled loads of momentum and torques
     end_load: Array  # (2n+4,) the same with contact impulses
 

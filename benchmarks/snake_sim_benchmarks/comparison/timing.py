@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.paths import extrapolated, Motion, path_error, SAMPLING_PERIOD
+from snake_sim_benchmarks.energy import balance_error, BALANCE_TIME
 from snake_sim_ros import Report, Robot, Scene, Simulation, State
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
-from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
 from snake_sim_ros.dynamics.spatial_vectors import factor
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import (

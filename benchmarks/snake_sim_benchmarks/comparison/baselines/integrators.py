@@ -26,9 +26,9 @@ from snake_sim_benchmarks.comparison.baselines import minimal_coordinates, penal
 from snake_sim_benchmarks.comparison.baselines.pyramid import Pyramid
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
+from snake_sim_benchmarks.energy import imbalance, mechanical_energy
 from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
 from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
 from snake_sim_ros.scene.gait import amplitudes
 from snake_sim_ros.scene.obstacles import contact_count

@@ -143,7 +143,6 @@ def make_workspace(scene: Scene) -> Workspace:
             residual_torque=zeros((n - 1, 2)),
             twist=zeros((n, 6)),
             correction=zeros((n, 6)),
-            no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
             free=make_free_chain(n),
         ),

@@ -53,6 +53,7 @@ def operators(problem, operator, columns, free):
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
+    chain.residual_torque[:] = 0.0
     for k, a in enumerate(closed):
         for j in range(width):
             free[width * k + j] = solution.gamma[a, j] - (solution.shift[a] if j == 0 else 0.0)
@@ -62,7 +63,7 @@ def operators(problem, operator, columns, free):
             solution.impulse[a, j] = 1.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
             solution.impulse[a, j] = 0.0
-            solve_chain(chain, chain.no_torque)
+            solve_chain(chain, chain.residual_torque)
             contact_velocities(closed, contacts, chain.frame, chain.twist)
             for m, b in enumerate(closed):
                 for i in range(width):

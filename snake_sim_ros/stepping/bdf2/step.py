@@ -56,7 +56,12 @@ from snake_sim_ros.dynamics.balance import (
     smooth_momentum,
 )
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
+from snake_sim_ros.dynamics.joint_control import (
+    held_torque,
+    implicit_pd_law,
+    read_by_controllers,
+    torques_jump,
+)
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
     begin_predicted_laws,
@@ -194,9 +199,10 @@ def begin_part(
                 torque, stiffness, rate = held_torque(
                     model.robot.control, control, j, k, stiffness, rate
                 )
-            torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
-            torque += damping * rate
-            resistance = damping + h_q * stiffness
+            reference, gains = (own.end_angle[j, k], rate), (stiffness, damping)
+            torque, resistance = implicit_pd_law(
+                h_q, own.hat.angle[j, k], reference, gains, torque
+            )
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.robot.joint_laws.present:

@@ -248,9 +248,8 @@ def begin_planar_part(
     for j in range(len(own.end_angle)):
         reference = own.end_angle[j, 0], own.end_rate[j, 0]
         bend = hat.q[3 + j] - hat.q[2 + j]
-        torque, damping = implicit_pd_law(
-            h_q, bend, 0.0, reference, (model.stiffness[j], model.damping[j])
-        )
+        gains = model.stiffness[j], model.damping[j]
+        torque, damping = implicit_pd_law(h_q, bend, reference, gains, 0.0)
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
         work.bend[j, 0, 0], work.bend[j, 0, 1] = bend, u_star[j + 1, 2] - u_star[j, 2]
         work.bend[j, 0, 2] = start[3 + j] - start[2 + j]

@@ -84,7 +84,8 @@ def one_iteration(problem, operator, history):
 @compiled
 def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
-    part = problem._replace(closed=some)
+    laws, _, contacts, chain, pairs = problem
+    part = Problem(laws, some, contacts, chain, pairs)
     prepare_contacts(operator, part if fresh else problem)
     return solve_prepared(operator, part, history, model.iteration_limit).converged
 

@@ -83,10 +83,10 @@ def set_axis(frame: Array, k: int, v: Three) -> None:
 class Patches(NamedTuple):
     """Patches of friction of a scene; see `surroundings.Patches`."""
 
-    factors: Array  # (rows, columns)
+    factors: Array  # (rows, columns) of friction [1]; rows along y of I, columns along x
     cell: float  # side of a cell [m]
-    origin_x: float  # corner of the cells with the least x and y [m]
-    origin_y: float
+    origin_x: float  # corner of the cells with the least x and y, in I [m]
+    origin_y: float  # [m]
 
 
 def make_patches(scene: Scene) -> Patches:
@@ -117,21 +117,21 @@ def fill_grip(
 class Obstacles(NamedTuple):
     """Ground and pegs of a scene; see `parameters.Ground` and `parameters.Pegs`."""
 
-    heights: Array  # (rows, columns) [m]
+    heights: Array  # (rows, columns) of the cells [m]; rows along y of I, columns along x
     cell: float  # side of a cell [m]
-    origin_x: float  # corner of the cells with the least x and y [m]
-    origin_y: float
-    pegs: Array  # (pegs, 3) x, y, radius [m]
+    origin_x: float  # corner of the cells with the least x and y, in I [m]
+    origin_y: float  # [m]
+    pegs: Array  # (pegs, 3) x and y in I, radius [m]
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
     pairs: Array  # (pair_count, 2) the spheres that touch in each of them
-    patches: Patches
+    patches: Patches  # of friction on the ground
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
     """Return ground and pegs in the form of the compiled step, or None if all is flat."""
-    ground = scene.ground
+    ground, pairs = scene.ground, pair_contacts(scene)
     if is_flat(scene):
         return None
     heights = np.array(ground.heights, dtype=float)
@@ -143,8 +143,8 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
-        pair_count=len(pair_contacts(scene)),
-        pairs=np.array(pair_contacts(scene), dtype=int).reshape(-1, 2),
+        pair_count=len(pairs),
+        pairs=np.array(pairs, dtype=int).reshape(-1, 2),
         patches=make_patches(scene),
     )
 

@@ -38,6 +38,7 @@ import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING, stiffness
 from snake_sim_ros.contact.delassus import (
+    add_response,
     condensed_system,
     condensed_velocities,
     Delassus,
@@ -397,13 +398,13 @@ def add_friction_law(
 class Reduced(NamedTuple):
     """Arrays for c unknowns: as many as the Delassus operator has rows."""
 
-    system: Array  # (c+1, c) the matrix transposed, and below it the right side
+    system: Array  # (c+1, c) the matrix transposed [1/kg], and below it the right side [m/s]
     response: Array  # (c, c) velocities for a unit of every unknown [1/kg]
     impulse: Array  # (c,) impulses by rows of the operator, first those held [N s]
     row: Array  # (c,) row of the operator for the first component of r
-    along: Array  # (c, 2) r, in this row and the next one
+    along: Array  # (c, 2) r, in this row and the next one [1]
     is_normal: Array  # (c,) 1 if the unknown is a normal impulse
-    follow: Array  # (c, 4) for a normal impulse d of sliding and rolling
+    follow: Array  # (c, 4) for a normal impulse d of sliding and rolling [1]
     compliance: Array  # (c,) 1/S [1/kg]
     goal: Array  # (c,) right sides of the laws, z/S + r . gamma [m/s]
 
@@ -427,8 +428,8 @@ def make_reduced(rows: int) -> Reduced:
 class Operator(NamedTuple):
     """The Delassus operator of few contacts, and arrays for linear problems on it."""
 
-    delassus: Delassus
-    reduced: Reduced
+    delassus: Delassus  # of the contacts that are condensed
+    reduced: Reduced  # of their linear problem
     most: int  # largest number of contacts that are condensed
     swept: int  # how often sweeps over the contacts are tried
     is_condensed: Array  # (1,) 1 if the contacts of this step are
@@ -515,7 +516,7 @@ class Bound(NamedTuple):
     """What bounds the friction of a contact."""
 
     P_N: float  # normal impulse [N s]
-    factor: float  # radius of the friction disc over that impulse; see `laws.grip`
+    factor: float  # radius of the friction disc over that impulse; see `laws.grip` [1]
     normal: int  # number of the unknown that is this impulse, -1 if the radius is held
 
 
@@ -573,17 +574,10 @@ def held_velocities(
     closed: Array, width: int, contacts: Contacts, delassus: Delassus, reduced: Reduced
 ) -> None:
     """Fill delassus.packed with the velocities that the held impulses leave."""
-    newton = contacts.newton
-    G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
-    for b in closed:
-        for column in range(newton.row[b] + 1, newton.row[b] + width):
-            P = reduced.impulse[column]
-            if P != 0.0:
-                for a in closed:
-                    row = newton.row[a]
-                    for i in range(width):
-                        packed[row + i] += G[column, row + i] * P
+    for a in closed:
+        for column in range(contacts.newton.row[a] + 1, contacts.newton.row[a] + width):
+            add_response(reduced.impulse[column], column, closed, width, contacts, delassus)
 
 
 @inlined

@@ -545,7 +545,7 @@ def begin_held(rounds: int, closed: Array, contacts: Contacts) -> None:
 
 
 @inlined
-def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus) -> None:
+def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus | None) -> None:
     """
     Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
@@ -671,7 +671,7 @@ def attempts_with_sweeps(operator: Operator | None) -> int:
 
 @inlined
 def sweep_contacts(
-    laws: Laws, closed: Array, contacts: Contacts, operator: Operator, sweeps: int
+    laws: Laws, closed: Array, contacts: Contacts, operator: Operator | None, sweeps: int
 ) -> None:
     """Do some sweeps over the contacts of the operator; see `sweeps.improve`."""
     if operator is not None:

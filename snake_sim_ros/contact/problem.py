@@ -23,17 +23,17 @@ class Problem(NamedTuple):
     A solver fills `impulse` and `gamma` of `contacts.solution`, and `chain.twist`.
     """
 
-    laws: Laws
+    laws: Laws  # with the selection rule of this step
     closed: Array  # (k,) numbers of the closed contacts
     contacts: Contacts  # all contacts of the scene
-    chain: Chain
+    chain: Chain  # the links, with momentum and joint torques of this step
     pairs: Delassus | None  # operator of the contacts of two links; None on a flat floor
 
 
 class Outcome(NamedTuple):
     """How a contact solver ended."""
 
-    iterations: int
+    iterations: int  # at least 1
     converged: bool  # whether the residual is within the tolerance
     residual: float  # natural-map residual with the selection rule [m/s], see `natural_map`
     printed_residual: float  # without the rule [m/s]
@@ -45,7 +45,7 @@ class ContactHistory(NamedTuple):
 
     impulse: Array  # (contacts, 5) impulses [N s]
     velocity: Array  # (contacts, 5) relative velocities [m/s]
-    change: Array  # (contacts, 5) how the normal impulse, and the other velocities, changed
+    change: Array  # (contacts, 5) change of the normal impulse [N s], of other velocities [m/s]
 
 
 def make_contact_history(contacts: int) -> ContactHistory:

@@ -91,21 +91,17 @@ def pd_law(
 
 @compiled
 def implicit_pd_law(
-    dt: float,
-    angle: float,
-    rate: float,
-    reference: tuple[float, float],
-    gains: tuple[float, float],
+    h: float, angle: float, reference: tuple[float, float], gains: tuple[float, float], held: float
 ) -> tuple[float, float]:
     """
-    Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
+    Return torque and damping as `pd_law` does, with all at the end, of which a part is known.
 
-    The rate acts on the angle for a time dt [s]. Angle [rad] and rate [rad/s] are predicted ones
-    at the end, and the references are those of the end; gains are as in `pd_law`.
+    The angle [rad] is that of the end without what the rate there adds in a time h [s]. The
+    references are those of the end; gains are as in `pd_law`, and `held` acts besides [N m].
     """
     stiffness, damping = gains
-    torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]
-    return torque, damping + stiffness * dt
+    torque = held + stiffness * (reference[0] - angle)
+    return torque + damping * reference[1], damping + stiffness * h
 
 
 class ControlLoop(NamedTuple):
@@ -129,9 +125,10 @@ class ControlMemory(NamedTuple):
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
-    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
-    late: Array  # (2, n-1, 2) references in effect in this step
-    held_reference: Array  # (2, n-1, 2) references that are held, with rates 0
+    # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet [rad], [rad/s]
+    queue: Array
+    late: Array  # (2, n-1, 2) references in effect in this step [rad], [rad/s]
+    held_reference: Array  # (2, n-1, 2) those that are held, with rates 0 [rad], [rad/s]
 
 
 def control_periods(robot: Robot) -> dict[str, float]:

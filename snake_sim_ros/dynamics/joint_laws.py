@@ -25,11 +25,11 @@ P is that of the solution before, so that what is left of w - v vanishes with th
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -57,20 +57,22 @@ class JointLaws(NamedTuple):
 
 
 class AxisLaws(NamedTuple):
-    """The laws of the axes in a part of a step, in impulses; arrays of shape (n-1, 2)."""
+    """The laws of the axes (yaw, pitch) in a part of a step, in impulses."""
 
-    torque: Array  # c, impulse of the controller without its implicit part [N m s]
-    damping: Array  # R [N m s^2]
-    limit: Array  # L [N m s]
-    friction: Array  # F [N m s]
-    viscous: Array  # V [N m s^2]
-    low: Array  # bounds of the rate [rad/s]
-    high: Array
-    rate: Array  # w, of the last solution [rad/s]
-    cut: Array  # sign of the limit that the controller is at; 0: it follows
-    slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
-    held: Array  # sign of the bound that holds the rate; 0: none does
-    furthest: Array  # (n-1, 2, 2) see `joint_drift.furthest_angles`; empty without stops
+    torque: Array  # (n-1, 2) c, impulse of the controller without its implicit part [N m s]
+    damping: Array  # (n-1, 2) R, impulse of the controller per rate [N m s^2]
+    limit: Array  # (n-1, 2) L, largest impulse of the controller [N m s]
+    friction: Array  # (n-1, 2) F, impulse of dry friction [N m s]
+    viscous: Array  # (n-1, 2) V, impulse of viscous friction per rate [N m s^2]
+    low: Array  # (n-1, 2) least rate [rad/s]
+    high: Array  # (n-1, 2) largest rate [rad/s]
+    rate: Array  # (n-1, 2) w, of the last solution [rad/s]
+    cut: Array  # (n-1, 2) sign of the limit that the controller is at; 0: it follows
+    # (n-1, 2) sign of the rate against which friction acts; 0: it does not, or it holds
+    slip: Array
+    held: Array  # (n-1, 2) sign of the bound that holds the rate; 0: none does
+    # (n-1, 2, 2) see `joint_drift.furthest_angles` [rad]; empty without stops
+    furthest: Array
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -342,15 +344,22 @@ def begin_predicted_laws(
 class Trial(NamedTuple):
     """A solution of the contacts with parts of the laws of the joints that may not hold."""
 
-    iterations: int
-    converged: bool
+    iterations: int  # of the contact solver
+    converged: bool  # whether its residual is within the tolerance
     attempt: int  # number of the solution in its step, from 0
     left: int  # iterations that it was allowed to take
 
 
+class Counts(Protocol):
+    """What the laws count in the report of the steps."""
+
+    iterations: int  # of the contact solver
+    unconverged: int  # steps without an end
+
+
 @inlined
 def joint_laws_change(
-    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Table
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Counts
 ) -> bool:
     """
     Fill torques and dampings of the next solution; return whether there is one.

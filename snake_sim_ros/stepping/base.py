@@ -137,8 +137,8 @@ class Inputs(NamedTuple):
 
     angle: Array  # (m, n-1, 2) joint references [rad]
     rate: Array  # (m, n-1, 2) [rad/s]
-    samples: Samples
-    pushes: PushTable
+    samples: Samples  # that the steps fill
+    pushes: PushTable  # in these steps
 
 
 class Stepper(Protocol):

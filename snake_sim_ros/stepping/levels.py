@@ -185,8 +185,8 @@ def what_does_not_lie(scene: Scene, state: State) -> str:
 class LevelMemory(NamedTuple):
     """The memories of both levels; only that of the level which took the last step is filled."""
 
-    planar: PlanarMemory
-    spatial: Memory | None
+    planar: PlanarMemory  # with slip and way, which stay
+    spatial: Memory | None  # None: the method keeps nothing
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""

@@ -32,7 +32,17 @@ from snake_sim_ros.stepping.state import (
     State,
     with_arrays,
 )
-from snake_sim_ros.stepping.steps import clear_report, make_steps, Record, report_of, Steps
+from snake_sim_ros.stepping.steps import (
+    clear_report,
+    LoopReport,
+    make_steps,
+    Record,
+    report_of,
+    Steps,
+)
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
 if TYPE_CHECKING:
     from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
@@ -110,8 +120,8 @@ class LoopStepper:
 class End(NamedTuple):
     """What a stepper makes of the end of a loop. Both are copies."""
 
-    state: Callable[[Steps], State]
-    history: Callable[[Steps], History]
+    state: Callable[[Steps], State]  # q and u as links in space
+    history: Callable[[Steps], History]  # with the memory of the level
 
 
 class Calls(NamedTuple):
@@ -130,7 +140,7 @@ class Next(NamedTuple):
     angle: Array  # (steps, n-1, 2) as in `Steps` [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
     settling: Array  # (1,) as in `state.History`
-    report: Table  # (1,) a record of REPORT
+    report: Table[LoopReport]  # (1,)
     pushes: PushTable  # as in `Steps`
 
 

@@ -19,6 +19,7 @@ placed as if the joints were closed exactly.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,7 +54,7 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, furthest_angles, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
@@ -84,10 +85,11 @@ from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
+    take_step,
 )
 
 
@@ -154,7 +156,7 @@ def begin_landing(problem: Problem, count: int, history: History) -> Problem:
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: LoopReport
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
@@ -275,7 +277,7 @@ def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> flo
 
 
 @inlined
-def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
+def turns_are_small(dt: float, twist: Array, report: LoopReport) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -286,7 +288,7 @@ def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
 
 
 @inlined
-def note_joints(model: Model, q: Array, report: Table) -> None:
+def note_joints(model: Model, q: Array, report: LoopReport) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -295,7 +297,7 @@ def note_joints(model: Model, q: Array, report: Table) -> None:
 
 @inlined
 def report_end(
-    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Table
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: LoopReport
 ) -> bool:
     """
     Report a step at its end.
@@ -316,26 +318,25 @@ def report_end(
     return left > 0.0
 
 
-@compiled
-def advance_moreau(solver: Solver, model: Model, work: Workspace, steps: Steps) -> None:
-    """
-    Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
+class Moreau(NamedTuple):
+    """The step of the paper, with a contact solver; see `contact.problem.solve_contacts`."""
 
-    The type of `solver` chooses the contact solver; see `contact.problem.solve_contacts`.
-    """
+    solver: Solver
+
+
+@take_step.register(Moreau)
+@inlined
+def take_moreau_step(
+    own: Moreau, model: Model, work: Workspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it diverges; see `steps.take_step`."""
     report = steps.report[0]
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        before = noted(report)
-        problem = begin_step(model, work, steps, k)
-        problem, outcome, lands = solve_step(solver, model, work, steps, problem)
-        goes_on = end_step(model, work, steps, problem, outcome, lands)
-        count_steps(before, report)
-        if report.steps > k:
-            keep_sample(k, model.dt, model.dt, work.applied, steps)
-        if not goes_on:
-            break
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    before = noted(report)
+    problem = begin_step(model, work, steps, k)
+    problem, outcome, lands = solve_step(own.solver, model, work, steps, problem)
+    goes_on = end_step(model, work, steps, problem, outcome, lands)
+    count_steps(before, report)
+    return goes_on, model.dt
 
 
 def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:

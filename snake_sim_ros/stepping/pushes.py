@@ -32,8 +32,8 @@ class Stretch(NamedTuple):
     """A step, or the part of it from where a push begins or ends to where the next one does."""
 
     begin: int  # ticks since time 0
-    end: int
-    step_end: int  # end of the step
+    end: int  # ticks since time 0
+    step_end: int  # end of the step, in ticks since time 0
 
 
 class PushTable(NamedTuple):
@@ -50,7 +50,7 @@ class PushTable(NamedTuple):
     turns: Array  # (m,) 1: axes are those of frame B of the link, with which they turn; 0: of I
     lifts: Array  # (m,) 1 if it does not leave a robot that lies flat in the plane
     begin: Array  # (m,) ticks since time 0
-    end: Array  # (m,)
+    end: Array  # (m,) ticks since time 0
     clock: Array  # (1,) number of the first step of a call, from time 0
 
     def after(self, steps: int) -> 'PushTable':
@@ -172,12 +172,12 @@ def lifts_in_step(pushes: PushTable, step: int) -> bool:
 class Push(NamedTuple):
     """A push whose times are ticks; see `PushTable` for its numbers."""
 
-    link: int
-    force: Array
-    torque: Array
-    turns: bool
-    begin: int
-    end: int
+    link: int  # index of the link, from 0
+    force: Array  # (3,) at its center [N]
+    torque: Array  # (3,) [N m]
+    turns: bool  # whether axes are those of frame B of the link, with which they turn, not of I
+    begin: int  # ticks since time 0
+    end: int  # ticks since time 0
 
     @property
     def lifts(self) -> bool:

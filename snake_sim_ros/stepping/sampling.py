@@ -142,9 +142,9 @@ def joint_rows(robot: Robot, samples: Samples) -> Array:
 class Ended(NamedTuple):
     """How a run went; see `Trajectory`."""
 
-    report: Report
-    seconds: float
-    interrupted: bool
+    report: Report  # of all steps
+    seconds: float  # wall time of all steps [s]
+    interrupted: bool  # whether it was ended from the keyboard
 
 
 def trajectory_of(

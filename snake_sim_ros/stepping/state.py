@@ -11,7 +11,7 @@ import numpy as np
 
 from snake_sim_ros.contact.problem import ContactHistory, make_contact_history
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.joint_control import make_control_memory
+from snake_sim_ros.dynamics.joint_control import ControlMemory, make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, same_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -82,7 +82,7 @@ class History(NamedTuple):
     velocity: Array
     change: Array
     settling: Array
-    control: Any = None
+    control: ControlMemory
     memory: Any = None
 
 

@@ -1,40 +1,50 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The steps that a compiled loop takes, its report and its samples."""
+"""The compiled loop over steps, its report and its samples."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import inlined, record_array, Table
-from snake_sim_ros.dynamics.kinematics import copy_rows
+from snake_sim_ros.dynamics.compilation import (
+    compiled,
+    cycle_counter,
+    Dispatched,
+    inlined,
+    record_array,
+    Table,
+)
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import row_after
 from snake_sim_ros.stepping.state import History
 
-# Fields of `base.Report` that a loop adds up, and the reason why it ended early.
-REPORT = np.dtype(
-    [
-        ('steps', np.int64),
-        ('iterations', np.int64),
-        ('iterations_max', np.int64),
-        ('unconverged', np.int64),
-        ('fallbacks', np.int64),
-        ('residual_max', float),  # [m/s]
-        ('printed_residual_max', float),  # [m/s]
-        ('penetration_max', float),  # [m]
-        ('joint_gap_max', float),  # [m]
-        ('joint_twist_max', float),  # [1]
-        ('further_parts', np.int64),
-        ('contacts', np.int64),
-        ('failed_link', np.int64),  # link, from 1, that would turn too far; 0 for none
-        ('failed_turn', float),  # the angle by which it would [rad]
-        ('not_planar', np.int64),  # whether the next step is not planar
-    ]
-)
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.model import Model, Workspace
+    from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
+
+
+class LoopReport:
+    """Fields of `base.Report` that a loop adds up, and the reason why it ended early."""
+
+    steps: int
+    iterations: int
+    iterations_max: int
+    unconverged: int
+    fallbacks: int
+    residual_max: float  # [m/s]
+    printed_residual_max: float  # [m/s]
+    penetration_max: float  # [m]
+    joint_gap_max: float  # [m]
+    joint_twist_max: float  # [1]
+    further_parts: int
+    contacts: int
+    failed_link: int  # link, from 1, that would turn too far; 0 for none
+    failed_turn: float  # the angle by which it would [rad]
+    not_planar: int  # whether the next step is not planar
+
 
 row_at = inlined(row_after)
 
@@ -65,10 +75,10 @@ class Steps(NamedTuple):
 
     q: Array  # (n, 7) as in `state.State`; in the plane (n+2,) as in `planar.model.PlanarMemory`
     u: Array  # (n, 6) as in `state.State`; in the plane (n, 3)
-    history: History
+    history: History  # of the last step
     angle: Array  # (steps, n-1, 2) joint references at the middle of every step [rad]
     rate: Array  # (steps, n-1, 2) [rad/s]
-    report: Table  # (1,) a record of REPORT
+    report: Table[LoopReport]  # (1,)
     cycles: Array  # (steps+1,) time stamps before and after every step
     record: Record  # samples that the loop keeps
     pushes: PushTable  # forces from outside in these steps
@@ -87,46 +97,77 @@ def make_steps(
     They change the state, q and u, and the history in place.
     """
     (q, u), (angle, rate) = state, reference
-    report = record_array(1, REPORT)
+    report = record_array(1, LoopReport)
     cycles = np.zeros(len(angle) + 1, np.int64)
     angle, rate = np.ascontiguousarray(angle), np.ascontiguousarray(rate)
     return Steps(q, u, history, angle, rate, report, cycles, record, pushes)
 
 
-@inlined
-def sampled_row(k: int, record: Record) -> int:
-    """Return the row of a sample after step k; -1 if there is none."""
-    return row_at(k, record.every, record.first, len(record.span))
+Integrator = tuple[object, ...]  # a NamedTuple, whose type chooses the step
+AnyModel: TypeAlias = 'Model | PlanarModel'
+AnyWorkspace: TypeAlias = 'Workspace | PlanarWorkspace'
+
+
+@Dispatched
+def take_step(  # type: ignore[empty-body]
+    integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """
+    Take step k with the integrator that belongs to the type of `integrator`.
+
+    The call is compiled. Every integrator registers a class of its own, which holds its contact
+    solver or its arrays. It moves q, u and history, adds step and solutions to the report, and
+    fills `work.applied`. If `shows`, q and u are read after the step.
+
+    Returns
+    -------
+    goes_on : bool
+        Whether the loop goes on.
+    span : float
+        Time for which the impulses of the step acted [s].
+
+    """
+
+
+@compiled
+def advance(integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps) -> None:
+    """Take the steps up to the first that the integrator does not take; see `take_step`."""
+    report, record, count = steps.report[0], steps.record, len(steps.angle)
+    for k in range(count):
+        steps.cycles[k] = cycle_counter()
+        row = row_at(k, record.every, record.first, len(record.span))
+        goes_on, span = take_step(integrator, model, work, steps, k, row >= 0 or k + 1 == count)
+        if row >= 0 and report.steps > k:
+            keep_sample(row, model.dt, span, work.applied, steps)
+        if not goes_on:
+            break
+    steps.cycles[count] = cycle_counter()
 
 
 @inlined
-def keep_forces(
-    row: int, applied: Array, dt: float, span: float, history: History, record: Record
-) -> None:
-    """Fill a row with the torques of joint impulses (n-1, 2) of a step of dt, and the impulses."""
+def keep_sample(row: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
+    """Fill a row of the record after a step of dt [s]; its impulses acted for a span [s]."""
+    record, history = steps.record, steps.history
+    copy_numbers(steps.q, record.q[row])
+    copy_numbers(steps.u, record.u[row])
+    copy_numbers(history.impulse, record.impulse[row])
     for j in range(len(applied)):
         for k in range(2):
             record.torque[row, j, k] = applied[j, k] / dt
-    for a in range(len(history.impulse)):
-        for k in range(5):
-            record.impulse[row, a, k] = history.impulse[a, k]
     record.span[row] = span
 
 
 @inlined
-def keep_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
-    """Keep the state after step k of dt [s], if it is a sample; impulses acted for a span [s]."""
-    record = steps.record
-    row = sampled_row(k, record)
-    if row >= 0:
-        copy_rows(steps.q, record.q[row], 7)
-        copy_rows(steps.u, record.u[row], 6)
-        keep_forces(row, applied, dt, span, steps.history, record)
+def copy_numbers(array: Array, to: Array) -> None:
+    """Copy the numbers of an array of any dimension to one of the same shape."""
+    numbers, copies = array.reshape(array.size), to.reshape(array.size)
+    for k in range(len(numbers)):
+        copies[k] = numbers[k]
 
 
 @inlined
-def note_outcome(outcome: Outcome, report: Table) -> None:
-    """Add an `Outcome` of a contact solver to a report, a record of REPORT."""
+def note_outcome(outcome: Outcome, report: LoopReport) -> None:
+    """Add an `Outcome` of a contact solver to a report."""
     report.iterations += outcome.iterations
     report.unconverged += outcome.converged == 0
     report.fallbacks += outcome.fell_back
@@ -135,7 +176,7 @@ def note_outcome(outcome: Outcome, report: Table) -> None:
 
 
 @inlined
-def noted(report: Table) -> tuple[int, int, int, int, float, float]:
+def noted(report: LoopReport) -> tuple[int, int, int, int, float, float]:
     """Return what `note_outcome` has added to a report."""
     return (
         report.iterations, report.iterations_max, report.unconverged, report.fallbacks,
@@ -144,7 +185,7 @@ def noted(report: Table) -> tuple[int, int, int, int, float, float]:
 
 
 @inlined
-def take_back(before: tuple[int, int, int, int, float, float], report: Table) -> None:
+def take_back(before: tuple[int, int, int, int, float, float], report: LoopReport) -> None:
     """Set a report back to what was `noted` before a step that is not taken."""
     report.iterations, report.iterations_max, report.unconverged = before[0], before[1], before[2]
     report.fallbacks, report.residual_max = before[3], before[4]
@@ -152,17 +193,17 @@ def take_back(before: tuple[int, int, int, int, float, float], report: Table) ->
 
 
 @inlined
-def iterations_left(most: int, report: Table) -> int:
+def iterations_left(most: int, report: LoopReport) -> int:
     """
     Return the iterations that the next solution of a step may take, at least 1.
 
-    The step is to end with `most` iterations in a report, a record of REPORT.
+    The step is to end with `most` iterations in a report.
     """
     return max(1, most - report.iterations)
 
 
 @inlined
-def count_steps(before: tuple[int, int, int, int, float, float], report: Table) -> None:
+def count_steps(before: tuple[int, int, int, int, float, float], report: LoopReport) -> None:
     """Count the step, not its solutions, of which `before` was `noted` before the step."""
     report.iterations_max = max(report.iterations_max, report.iterations - before[0])
     report.unconverged = min(report.unconverged, before[2] + 1)
@@ -170,8 +211,8 @@ def count_steps(before: tuple[int, int, int, int, float, float], report: Table) 
 
 
 @inlined
-def clear_report(report: Table) -> None:
-    """Empty a report, a record of REPORT."""
+def clear_report(report: LoopReport) -> None:
+    """Empty a report."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
     report.further_parts = 0
@@ -185,7 +226,8 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '
 
     `left` is as in `base.Report`.
     """
-    numbers: Any = steps.report[0].item()
+    record: Any = steps.report[0]
+    numbers = record.item()
     link, turn, _ = numbers[-3:]
     planar_steps = numbers[0] if level == 'planar' else 0
     failure = divergence(link, turn, dt) if link else ''

@@ -17,7 +17,7 @@ import numpy as np
 
 from snake_sim_ros.controllers.following import speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
-from snake_sim_ros.dynamics.energy import floor_contact_velocities
+from snake_sim_ros.dynamics.force_directions import floor_contact_velocities
 from snake_sim_ros.gaits.steering import Stride
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import (

@@ -53,6 +53,7 @@ def operators(problem, operator, columns, free):
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
+    chain.residual_torque[:] = 0.0
     for k, a in enumerate(closed):
         for j in range(width):
             free[width * k + j] = solution.gamma[a, j] - (solution.shift[a] if j == 0 else 0.0)
@@ -62,7 +63,7 @@ def operators(problem, operator, columns, free):
             solution.impulse[a, j] = 1.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
             solution.impulse[a, j] = 0.0
-            solve_chain(chain, chain.no_torque)
+            solve_chain(chain, chain.residual_torque)
             contact_velocities(closed, contacts, chain.frame, chain.twist)
             for m, b in enumerate(closed):
                 for i in range(width):
@@ -83,7 +84,8 @@ def one_iteration(problem, operator, history):
 @compiled
 def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
-    part = problem._replace(closed=some)
+    laws, _, contacts, chain, pairs = problem
+    part = Problem(laws, some, contacts, chain, pairs)
     prepare_contacts(operator, part if fresh else problem)
     return solve_prepared(operator, part, history, model.iteration_limit).converged
 

@@ -220,11 +220,11 @@ class Bdf2Arrays(NamedTuple):
     end: Motion  # end of the step
     moving: Motion  # its rate, and u of the middle link, move the coordinates to the end
     closing: Motion  # its velocities close gaps
-    q: Array  # (n, 7) coordinates at the end
+    q: Array  # (n, 7) coordinates at the end [m, frame I], [1]
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
     kept: ContactHistory  # before a part of the step
-    q_start: Array  # (n, 7) state at the start of the step of the scene
+    q_start: Array  # (n, 7) coordinates at the start of the step of the scene [m, frame I], [1]
     u_start: Array  # (n, 6) and its velocities [m/s, frame I], [rad/s, frame B]
 
 

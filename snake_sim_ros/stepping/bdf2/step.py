@@ -55,8 +55,13 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
-from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.joint_control import (
+    held_torque,
+    implicit_pd_law,
+    read_by_controllers,
+    torques_jump,
+)
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
     begin_predicted_laws,
@@ -113,10 +118,11 @@ from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
+    take_step,
 )
 
 # Replaces `laws.PRESS_SPEED`, which is not small beside errors of second order: loads of a
@@ -133,7 +139,12 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 @inlined
 def axes_change(
-    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    robot: Mechanism,
+    work: Workspace,
+    outcome: Outcome,
+    attempt: int,
+    left: int,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     laws, chain = robot.joint_laws, work.chain
@@ -188,9 +199,10 @@ def begin_part(
                 torque, stiffness, rate = held_torque(
                     model.robot.control, control, j, k, stiffness, rate
                 )
-            torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
-            torque += damping * rate
-            resistance = damping + h_q * stiffness
+            reference, gains = (own.end_angle[j, k], rate), (stiffness, damping)
+            torque, resistance = implicit_pd_law(
+                h_q, own.hat.angle[j, k], reference, gains, torque
+            )
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.robot.joint_laws.present:
@@ -294,7 +306,7 @@ class Part(NamedTuple):
     """What is known of a part of a step that may be taken; its end is in own.end and own.q."""
 
     is_small: bool  # whether `turns_are_small`
-    found: Events
+    found: Events  # jumps of the velocities in it
     h: float  # time for which impulses acted [s]
     depth: float  # penetration at its end [m]
 
@@ -396,20 +408,19 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     return report_end(model, work, steps.q, steps.u, steps.history.settling, report)
 
 
-@compiled
-def advance_bdf2(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
-    """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
+@take_step.register(Bdf2Arrays)
+@inlined
+def take_bdf2_step(
+    own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it diverges; see `steps.take_step`."""
     memory = steps.history.memory
-    recognize(model, work, steps.q, steps.u, memory)
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        goes_on = bdf2_step(own, model, work, steps, k)
-        if steps.report[0].steps > k:
-            keep_sample(k, model.dt, memory.span[0], work.applied, steps)
-        if not goes_on:
-            break
-    keep_state(steps.q, steps.u, memory.q, memory.end.u)
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    if k == 0:
+        recognize(model, work, steps.q, steps.u, memory)
+    goes_on = bdf2_step(own, model, work, steps, k)
+    if shows or not goes_on:
+        keep_state(steps.q, steps.u, memory.q, memory.end.u)
+    return goes_on, memory.span[0]
 
 
 def what_is_not_possible(scene: Scene) -> str:

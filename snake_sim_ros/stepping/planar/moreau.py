@@ -30,10 +30,11 @@ are those of all axes, of which the first column is used. Pitch joints hold a fl
 """
 
 import math
+from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome, Solver
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
@@ -44,7 +45,6 @@ from snake_sim_ros.dynamics.joint_laws import (
     MOST_CHANGES,
     Trial,
 )
-from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     close_pegs,
@@ -61,11 +61,11 @@ from snake_sim_ros.stepping.state import of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_forces,
+    LoopReport,
     note_outcome,
     noted,
-    sampled_row,
     Steps,
+    take_step,
 )
 
 EFFORT_SHARE = 1 / 128  # share of a step in the mean of iterations
@@ -96,7 +96,7 @@ def yaw_axes_change(
     outcome: Outcome,
     attempt: int,
     left: int,
-    report: Table,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws
@@ -318,18 +318,6 @@ def held_point(model: PlanarModel, q: Array) -> tuple[float, float]:
 
 
 @inlined
-def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
-    """Keep the planar state after step k, if it is a sample, as `steps.keep_sample`."""
-    record = steps.record
-    row = sampled_row(k, record)
-    if row >= 0:
-        for i in range(len(steps.q)):
-            record.q[row, i] = steps.q[i]
-        copy_rows(steps.u, record.u[row], 3)
-        keep_forces(row, applied, dt, span, steps.history, record)
-
-
-@inlined
 def solve_planar_step(
     solver: Solver, model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int
 ) -> tuple[int, Outcome]:
@@ -362,23 +350,23 @@ def solve_planar_step(
     return count, outcome
 
 
-@compiled
-def advance_in_plane(
-    solver: Solver, model: PlanarModel, work: PlanarWorkspace, steps: Steps
-) -> None:
-    """
-    Take the steps up to the first that is not planar; see `stepper.PlanarStepper`.
+class PlanarMoreau(NamedTuple):
+    """The step of the paper in the plane, with a contact solver; see `solvers.solve_in_plane`."""
 
-    The type of `solver` chooses the contact solver; see `solve_in_plane`.
-    """
+    solver: Solver
+
+
+@take_step.register(PlanarMoreau)
+@inlined
+def take_planar_step(
+    own: PlanarMoreau, model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it is not planar; see `steps.take_step`."""
     report = steps.report[0]
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        before = noted(report)
-        count = begin_planar_step(model, work, steps, k)
-        count, outcome = solve_planar_step(solver, model, work, steps, count)
-        if not end_planar_step(model, work, steps, count, outcome):
-            break
+    before = noted(report)
+    count = begin_planar_step(model, work, steps, k)
+    count, outcome = solve_planar_step(own.solver, model, work, steps, count)
+    goes_on = end_planar_step(model, work, steps, count, outcome)
+    if goes_on:
         count_steps(before, report)
-        keep_planar_sample(k, model.dt, model.dt, work.applied, steps)
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    return goes_on, model.dt

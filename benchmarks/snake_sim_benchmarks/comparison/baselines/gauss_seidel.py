@@ -39,8 +39,8 @@ from snake_sim_ros.contact.laws import (
 from snake_sim_ros.contact.linear_problem import Operator
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
-from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
+from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.sweeps import forget_others, project_normal, set_impulse, Sweep
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.methods import METHODS, paper_method
@@ -166,7 +166,7 @@ def solve_with_sweeps(
     outcome = without_gain(problem, outcome)
     if not outcome.converged:  # others may be in the table now
         keep_impulses(closed, contacts, impulse)
-    forget_open(closed, contacts, impulse)
+    forget_others(closed, contacts, history)
     return outcome
 
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.energy import mechanical_energy
 from snake_sim_ros import ParameterError, Report, Scene, Simulation, State
-from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.sampling import Keep, Limits

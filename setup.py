@@ -167,6 +167,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
+            f'control = {package_name}.nodes.__main__:control',
             f'follow = {package_name}.nodes.__main__:follow',
             f'gait = {package_name}.nodes.__main__:gait',
             f'sim = {package_name}.nodes.__main__:sim',

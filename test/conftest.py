@@ -16,14 +16,11 @@ from snake_sim_ros.dynamics.code_cache import CodeCache
 
 FAST = 'pytest.mark.fast'  # what files of fast tests say
 
-# All kinds of contacts are compiled anew for every method; it takes longer than all of their tests
-# without the compiler. test_without_compiler.py runs these without it, for every method, and those
-# that are here twice: with it they are longer, for the methods that are most used.
+# They call functions that are compiled for compiled ones only; test_without_compiler.py runs them.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['contact/test_condensing.py', 'contact/test_friction.py']
-    collect_ignore += ['contact/test_self_contact.py', 'contact/test_soft_impacts.py']
-    collect_ignore += ['stepping/test_change.py', 'stepping/test_one_step.py']
+    collect_ignore += ['contact/test_condensing.py', 'stepping/test_change.py']
+    collect_ignore.append('stepping/test_one_step.py')
 if find_spec('control_msgs') is None:  # it is not on PyPI; test_trajectory_action.py stands in
     collect_ignore.append('system/test_follow_joint_trajectory.py')
 
@@ -45,8 +42,12 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files that take minutes, so that both processes end together."""
-    items.sort(key=lambda item: item.get_closest_marker('long') is None)
+    """Begin with the files that take minutes; then mix live nodes, which wait, and others."""
+    files = dict.fromkeys(item.path for item in items)
+    live = [path for path in files if path.parent.name == 'system']
+    others = [path for path in files if path.parent.name != 'system']
+    place = {path: k / len(kind) for kind in (live, others) for k, path in enumerate(kind)}
+    items.sort(key=lambda item: (not item.get_closest_marker('long'), place[item.path]))
 
 
 @pytest.hookimpl(hookwrapper=True, tryfirst=True)

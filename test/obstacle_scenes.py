@@ -25,16 +25,13 @@ from snake_sim_ros.stepping.state import History
 
 CELL = 0.15  # m
 
-# Every method compiles the contacts of these scenes anew, for tens of seconds. Without the
-# compiler a step of a few links takes milliseconds: test_without_compiler.py runs these tests so,
-# for all methods and with ten times the step. With it they run for the methods most used.
+# Without the compiler a step of a few links takes milliseconds, so that steps are longer.
 WITHOUT_COMPILER = bool(os.environ.get('NUMBA_DISABLE_JIT'))
-HERE = list(METHODS) if WITHOUT_COMPILER else ['newton', 'bdf2']
 MIDDLE = [name for name in METHODS if name != 'bdf2']  # of the step of the paper
 COARSE = 1 / 400
-every_here = pytest.mark.parametrize('method', HERE)
-each_here = pytest.mark.parametrize(
-    ('method', 'dt'), [(name, COARSE if WITHOUT_COMPILER else DT) for name in HERE]
+each_method = pytest.mark.parametrize('method', METHODS)
+each_method_and_step = pytest.mark.parametrize(
+    ('method', 'dt'), [(name, COARSE if WITHOUT_COMPILER else DT) for name in METHODS]
 )
 only_compiled = pytest.mark.skipif(WITHOUT_COMPILER, reason='too many steps without the compiler')
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rooms and their imports, which the contracts of import-linter in pyproject.toml state."""
 
+import ast
 import os
 from pathlib import Path
 import re
@@ -69,6 +70,17 @@ def test_every_source_file_says_whose_it_is():
         if path.suffix == '.py' or text.startswith('#!'):
             first, _, rest = text.partition('\n')
             assert (rest if first.startswith('#!') else text).startswith(HEAD), path
+
+
+@pytest.mark.parametrize('room', ['dynamics', 'contact', 'stepping'])
+def test_functions_of_the_physics_take_six_arguments_at_most(room):
+    # More say that some of them belong together, in a record with a meaning.
+    for path in (PACKAGE / room).rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.FunctionDef):
+                given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                names = [each.arg for each in given if each.arg not in ('self', 'cls')]
+                assert len(names) <= 6, f'{path.name}: {node.name}({", ".join(names)})'
 
 
 @each_module

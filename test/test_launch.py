@@ -59,9 +59,15 @@ def started(launch_file, **arguments):
     """Return name of the executable -> namespace and parameters, for values of the arguments."""
     *declared, function = launch_file.generate_launch_description().arguments[0]
     values = {item.arguments[0]: item.default_value for item in declared}
-    assert set(values) == {'scene', 'namespace'}
+    assert set(arguments) <= set(values)
     nodes = function.function({**values, **arguments})
     return {node.executable: (node.namespace, *node.parameters) for node in nodes}
+
+
+def of_sim(scene, **others):
+    """Return the parameters of the node sim."""
+    own = {'publish_robot_description': True, 'real_time_factor': 1.0}
+    return {'scene': scene, **own, **others}
 
 
 def test_robot_and_gait_are_started(launch_file, monkeypatch):
@@ -69,9 +75,43 @@ def test_robot_and_gait_are_started(launch_file, monkeypatch):
     monkeypatch.setattr(module, 'find_spec', lambda name: None)
     scene = 'lateral_undulation'
     assert started(module) == {
-        'sim': ('', {'scene': scene, 'publish_robot_description': True}),
+        'sim': ('', of_sim(scene)),
         'gait': ('', {'scene': scene, 'use_sim_time': True}),
     }
+
+
+@pytest.mark.parametrize(
+    ('text', 'names'),
+    [
+        ('{}', ['gait']),
+        ('follow: {points: [[0, 0], [2, 0]]}', ['gait', 'follow']),
+        ('controller: oscillators', ['control']),
+        ('{controller: gait, follow: {points: [[0, 0], [2, 0]]}}', ['gait']),
+    ],
+)
+def test_what_moves_the_robot_is_what_the_scene_names(
+    launch_file, monkeypatch, tmp_path, text, names
+):
+    module, _ = launch_file
+    monkeypatch.setattr(module, 'find_spec', lambda name: None)
+    scene = tmp_path / 'own.yaml'
+    scene.write_text(text)
+    found = started(module, scene=str(scene))
+    assert list(found) == ['sim', *names]
+    for name in names:
+        assert found[name] == ('', {'scene': str(scene), 'use_sim_time': True})
+
+
+def test_arguments_reach_the_nodes(launch_file, monkeypatch):
+    module, _ = launch_file
+    monkeypatch.setattr(module, 'find_spec', lambda name: object())
+    found = started(module, real_time_factor='0.5', parameters='own.yaml', port='9000')
+    assert found['sim'][1]['real_time_factor'] == 0.5
+    assert found['viewer'][1]['port'] == 9000
+    assert {name: parameters[2] for name, parameters in found.items()} == {
+        'sim': 'own.yaml', 'gait': 'own.yaml', 'viewer': 'own.yaml'
+    }  # fmt: skip
+    assert 'viewer' not in started(module, viewer='false')
 
 
 def test_frames_and_page_are_started_where_they_are_installed(launch_file, monkeypatch):
@@ -85,8 +125,8 @@ def test_frames_and_page_are_started_where_they_are_installed(launch_file, monke
         'use_sim_time': True,
     }
     assert started(module, scene=scene, namespace='/aiko') == {
-        'sim': ('aiko', {'scene': scene, 'publish_robot_description': False}),
+        'sim': ('aiko', of_sim(scene, publish_robot_description=False)),
         'gait': ('aiko', {'scene': scene, 'use_sim_time': True}),
-        'viewer': ('aiko', {'scene': scene}),
+        'viewer': ('aiko', {'scene': scene, 'port': 8080}),
         'robot_state_publisher': ('aiko', frames),
     }

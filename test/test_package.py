@@ -28,7 +28,6 @@ INSTALLATION = text('docs/installation.md')
 # rosdep's keys for packages of PyPI where they are not python3-<name>. It has none for the
 # optional packages, or one that is installed by pip: docs/installation.md names them.
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
-BUILD = {'setuptools'}  # comes with colcon
 OPTIONAL = {'bags', 'studies', 'urdf', 'video', 'viewer'}
 SITE = {'docs'}  # only builds the site
 # Checks of style, other readers of bags and of URDF files, and what makes the tests faster.
@@ -83,7 +82,7 @@ def keys(names):
 
 
 def test_rosdep_gets_what_runs_and_pictures_need(needed):
-    assert keys((needed[None] | needed['plots']) - BUILD) <= depends('exec_depend')
+    assert keys(needed[None] | needed['plots']) <= depends('exec_depend')
     for distro in ('jazzy', 'kilted'):
         names = {item.removeprefix(f'ros-{distro}-').replace('-', '_') for item in needed[distro]}
         assert names <= depends('exec_depend')

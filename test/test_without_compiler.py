@@ -50,12 +50,8 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
 @pytest.mark.parametrize(
     'files',
     [
-        'contact/test_self_contact.py',
         'stepping/test_change.py',
         'contact/test_condensing.py',
-        'contact/test_pegs.py contact/test_ground.py',
-        'contact/test_soft_impacts.py stepping/test_events.py',
-        'contact/test_friction.py',
     ],
 )
 def test_what_is_tested_without_compiler(files):

@@ -13,10 +13,10 @@ from PIL import Image
 import pytest
 
 from snake_sim_benchmarks.__main__ import main
+from snake_sim_benchmarks.energy import work_of_steps
 from snake_sim_benchmarks.paper import experiments, figures, tables as paper_tables
 from snake_sim_benchmarks.paper.experiments import case_scene, mean_velocity, record
 from snake_sim_ros import ParameterError, Scene, Simulation
-from snake_sim_ros.dynamics.energy import work_of_steps
 from snake_sim_ros.scene.posture import initial_coordinates
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'

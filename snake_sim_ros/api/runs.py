@@ -19,7 +19,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
 from snake_sim_ros.scene.parameters import Array, by_dotted_names, Robot, samples_of, Scene
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.sampling import Command, command_of, Keep, kept_of_run
+from snake_sim_ros.stepping.sampling import Command, command_of, Hooks, Keep, kept_of_run
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import metrics
@@ -197,10 +197,15 @@ class Run(Trajectory):
         path : str or Path
             Ends in .png, .pdf or .svg.
 
-        """
-        from snake_sim_ros.view.chart import draw
+        Raises
+        ------
+        ParameterError
+            If matplotlib is not installed.
 
-        draw(self, Path(path))
+        """
+        from snake_sim_ros.view import charts
+
+        charts().draw(self, Path(path))
 
 
 def load_scene(source: Scene | str | Path, values: Values | None = None, **more: Any) -> Scene:
@@ -302,7 +307,8 @@ def run(
     elif controller:
         command = Command(_checked(controller, loaded.robot), steps)
     keep = KEPT if controller else kept_of_run(loaded, steps, samples)
-    trajectory = sample(simulation, steps, samples, keep=keep, progress=progress, command=command)
+    hooks = Hooks(command, progress=progress)
+    trajectory = sample(simulation, steps, samples, keep=keep, hooks=hooks)
     compiled = simulation.compile_seconds - compiled
     trajectory = replace(trajectory, seconds=time.perf_counter() - begin - compiled)
     return _run_of(trajectory)

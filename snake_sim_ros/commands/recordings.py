@@ -102,6 +102,10 @@ def _score(options: argparse.Namespace) -> int:
     if options.controller:
         options.set += [f'controller.name={options.controller}']
     if names_a_recorded_run(options.source):
+        if options.controller:
+            raise ParameterError(
+                f'--controller must go with a scene, which is run; {options.source} is recorded'
+            )
         found = read_run(options.source, options.namespace)
         found = replace(found, scene=with_settings(found.scene, given_settings(options)))
     else:
@@ -117,9 +121,9 @@ def _score(options: argparse.Namespace) -> int:
         )
     part = found.between(options.begin, float(found.time[-1]))
     if options.plot:
-        from snake_sim_ros.view.chart import draw
+        from snake_sim_ros.view import charts
 
-        draw(part, options.plot, title_of(options.source))
+        charts().draw(part, options.plot, title_of(options.source))
     print(json.dumps(metrics_of_run(part)))
     return 1 if found.report.failure else 0
 
@@ -153,16 +157,12 @@ def add_plot(subparsers: Any) -> None:
 def _plot(options: argparse.Namespace) -> int:
     from snake_sim_ros.commands.options import title_of
     from snake_sim_ros.recording.recorded_runs import read_run
+    from snake_sim_ros.view import charts
 
-    try:
-        from snake_sim_ros.view.chart import check_plot, draw
-    except ImportError as error:
-        raise ParameterError(
-            f"plots need matplotlib ({error}): pip install 'snake_sim_ros[plots]'"
-        ) from None
+    chart = charts()
     path = options.out or options.run.with_suffix('.png')
-    check_plot(path)
-    draw(read_run(options.run, options.namespace), path, title_of(options.run))
+    chart.check_plot(path)
+    chart.draw(read_run(options.run, options.namespace), path, title_of(options.run))
     print(path)
     return 0
 

@@ -18,19 +18,15 @@ however small the gap is.
 """
 
 import math
-from typing import Protocol
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate
-from snake_sim_ros.contact.detection import gap_at, Obstacles, penetration
 from snake_sim_ros.contact.linear_problem import Operator, solve_linear
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.free_chain import unfold_free
-from snake_sim_ros.dynamics.joint_drift import close_joints, turn_link
-from snake_sim_ros.dynamics.kinematics import copy_rows
-from snake_sim_ros.dynamics.mechanism import Mechanism
+from snake_sim_ros.dynamics.joint_drift import turn_link
 from snake_sim_ros.scene.parameters import Array
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
@@ -151,82 +147,6 @@ def keep_closed(closed: Array, contacts: Contacts, tolerance: float) -> int:
     return count
 
 
-class StepModel(Protocol):
-    """What closing needs of the numbers of a scene; see `stepping.model.Model`."""
-
-    @property
-    def robot(self) -> Mechanism: ...  # noqa: D102
-
-    @property
-    def obstacles(self) -> Obstacles | None: ...  # noqa: D102
-
-    @property
-    def closed_gap(self) -> float: ...  # noqa: D102
-
-    @property
-    def dt(self) -> float: ...  # noqa: D102
-
-    @property
-    def drift_correction(self) -> int: ...  # noqa: D102
-
-
-@inlined
-def close_step(
-    model: StepModel, center: Array, problem: Problem, furthest: Array, q: Array, q_before: Array
-) -> float:
-    """
-    Move the coordinates at the end of a step of the paper until loaded contacts have no gaps.
-
-    Contacts inside an obstacle are closed, too. A move after which the largest gap or
-    penetration is much larger is taken back: contacts that depend on each other may need large
-    moves, for which the chain is not linear.
-
-    Parameters
-    ----------
-    model : StepModel
-    center : ndarray, shape (n, 3)
-        Link centers from O in the middle of the step, in axes of I [m].
-    problem : Problem
-        As it was solved; impulses and twists are replaced.
-    furthest : ndarray, shape (n-1, 2, 2)
-        Least and largest angles of the axes; see `joint_drift.close_joints`.
-    q : ndarray, shape (n, 7)
-        Coordinates; corrected.
-    q_before : ndarray, shape (n, 7)
-        Room for those before a move.
-
-    Returns
-    -------
-    float
-        Penetration of the robot at the end [m].
-
-    """
-    _, closed, contacts, chain = problem
-    solution = contacts.solution
-    robot = model.robot
-    for a in closed:
-        solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
-    depth = penetration(model.obstacles, robot, q)
-    before = depth_before = math.inf
-    for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
-        for a in closed:
-            solution.end_gap[a] = gap_at(model.obstacles, robot, q, contacts, a)
-        to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
-        worst = max(worst, depth)
-        if worst > GAP_GROWTH * before:
-            copy_rows(q_before, q, 7)
-            return depth_before
-        if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
-            break
-        before, depth_before = worst, depth
-        copy_rows(q, q_before, 7)
-        close_on_links(problem, 1.0)
-        move_links(chain.twist, center, q)
-        close_joints(model.drift_correction, robot.places, robot.mass, furthest, q)
-        depth = penetration(model.obstacles, robot, q)
-    return depth
-
-
 @inlined
 def move_links(twist: Array, center: Array, q: Array) -> None:
     """Move links, coordinates q (n, 7), by small twists (n, 6) about O, for a time of 1."""
@@ -338,7 +258,7 @@ def close_condensed(
 @compiled
 def close_on_links(problem: Problem, h: float) -> None:
     """Do what `close_gaps` does by a sweep over the chain, with stiff linear laws."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     solution, newton = contacts.solution, contacts.newton
     for i in range(len(chain.momentum)):
         for k in range(6):

@@ -13,72 +13,94 @@ Compiled functions take the table as `contacts`, and the numbers of the closed c
 are relative to O, the center of the middle link, in axes of I.
 """
 
-import numpy as np
+from typing import Annotated, Any
 
-from snake_sim_ros.dynamics.compilation import record_array, Table
+from snake_sim_ros.dynamics.compilation import inlined, record_array, Table
 from snake_sim_ros.scene.parameters import Array
 
-# What touches where.
-GEOMETRY = np.dtype(
-    [
-        ('point', float, 3),  # contact point, from O in axes of I [m]
-        ('other_point', float, 3),  # the same point as one of the other link, see `directions`
-        ('heading', float, 2),  # horizontal direction of the link axis: e_x of the contact frame
-        ('radius', float),  # radius of the contact sphere [m]
-        ('grip', float),  # factor of friction where there is more than a flat floor; `laws.grip`
-        ('gap', float),  # gap g [m]
-        ('start_gap', float),  # depth at the start, as a gap, if any contact was deep; else 0 [m]
-        ('takes_part', np.int64),  # 1 if it takes part in the step whatever its gap
-        ('link', np.int64),  # index of the link
-        ('other_link', np.int64),  # index of the link that it touches, -1 if it is no link
-    ]
-)
-# Velocities, impulses and gaps of the step.
-SOLUTION = np.dtype(
-    [
-        ('gamma', float, 5),  # relative velocities [m/s]
-        ('impulse', float, 5),  # impulses P [N s]
-        ('shift', float),  # gap over the time it may close in; added to gamma_N [m/s]
-        ('approach_velocity', float),  # gamma_N before the contacts act [m/s]
-        ('selection_center', float),  # P_N about which the selection rule is compliant [N s]
-        ('last_normal_impulse', float),  # P_N of the last step [N s]
-        ('end_gap', float),  # gap at the end of the step [m]
-        ('is_loaded', np.int64),  # 1 if it carries load at the end of the step
-    ]
-)
-# Linear laws and iterates of Newton's method; other solvers and the closing of gaps use parts of
-# it as scratch.
-NEWTON = np.dtype(
-    [
-        ('row', np.int64),  # its first row in the Delassus operator
-        # Linear laws P = P_0 - S gamma [N s], [kg].
-        ('P_0', float, 5),
-        ('S_N', float),
-        ('S_xx', float, 2),  # one for SLIDING, one for ROLLING
-        ('S_xy', float, 2),
-        ('S_yy', float, 2),
-        ('S_xN', float, 2),
-        ('S_yN', float, 2),
-        # Velocities [m/s], impulses and radii [N s].
-        ('trial', float, 5),  # gamma about which the laws are linear
-        ('iterate', float, 5),  # impulses that belong to trial
-        ('law_impulse', float, 5),  # impulses that the laws give at trial
-        ('anchor', float, 5),  # prox center of the proximal point method
-        ('saved_trial', float, 5),  # trial and iterate at the end of a round
-        ('saved_iterate', float, 5),
-        ('disc_radius', float),  # radius of the friction disc if held; FREE: it is P_N
-        ('held_radius', float),  # disc radius that the next round holds
-        ('radius_step', float),  # resulting P_N less the radius that was held
-        ('is_closed', np.int64),  # 1 while `closed` is being compared with all contacts
-    ]
-)
+Number = Annotated[Array, float]  # columns, with one entry for each contact
+Index = Annotated[Array, int]
+Point = Annotated[Array, float, 3]
+Components = Annotated[Array, float, 5]
+OfFriction = Annotated[Array, float, 2]  # one for SLIDING, one for ROLLING
+
+
+class Geometry:
+    """What touches where."""
+
+    point: Point  # contact point, from O in axes of I [m]
+    other_point: Point  # the same point as one of the other link, see `directions` [m]
+    heading: Annotated[Array, float, 2]  # direction of the link axis: e_x of the frame, in I [1]
+    radius: Number  # radius of the contact sphere [m]
+    grip: Number  # factor of friction where there is more than a flat floor; `laws.grip` [1]
+    gap: Number  # gap g [m]
+    start_gap: Number  # depth at the start, as a gap, if any contact was deep; else 0 [m]
+    takes_part: Index  # 1 if it takes part in the step whatever its gap
+    link: Index  # index of the link
+    other_link: Index  # index of the link that it touches, -1 if it is no link
+
+
+class Solution:
+    """Velocities, impulses and gaps of the step."""
+
+    gamma: Components  # relative velocities [m/s]
+    impulse: Components  # impulses P [N s]
+    shift: Number  # gap over the time it may close in; added to gamma_N [m/s]
+    approach_velocity: Number  # gamma_N before the contacts act [m/s]
+    selection_center: Number  # P_N about which the selection rule is compliant [N s]
+    last_normal_impulse: Number  # P_N of the last step [N s]
+    end_gap: Number  # gap at the end of the step [m]
+    is_loaded: Index  # 1 if it carries load at the end of the step
+
+
+class NewtonScratch:
+    """
+    Linear laws and iterates of Newton's method.
+
+    Other solvers and the closing of gaps use parts of it as scratch.
+    """
+
+    row: Index  # its first row in the Delassus operator
+    # Linear laws P = P_0 - S gamma [N s], [kg].
+    P_0: Components
+    S_N: Number
+    S_xx: OfFriction
+    S_xy: OfFriction
+    S_yy: OfFriction
+    S_xN: OfFriction
+    S_yN: OfFriction
+    trial: Components  # gamma about which the laws are linear [m/s]
+    iterate: Components  # impulses that belong to trial [N s]
+    law_impulse: Components  # impulses that the laws give at trial [N s]
+    anchor: Components  # prox center of the proximal point method [N s]
+    saved_trial: Components  # trial and iterate at the end of a round [m/s], [N s]
+    saved_iterate: Components
+    disc_radius: Number  # radius of the friction disc if held; FREE: it is P_N [N s]
+    held_radius: Number  # disc radius that the next round holds [N s]
+    radius_step: Number  # resulting P_N less the radius that was held [N s]
+    is_closed: Index  # 1 while `closed` is being compared with all contacts
+
+
+class Contacts(Table[Any]):
+    """The table of contacts: a record for each of them, which has all three."""
+
+    geometry: Geometry
+    solution: Solution
+    newton: NewtonScratch
+
+
 SLIDING, ROLLING = range(2)  # kinds of friction
 FREE = -1.0  # value of disc_radius
 
 
-# The table of contacts: a record for each of them, which has all three.
-CONTACT = np.dtype([('geometry', GEOMETRY), ('solution', SOLUTION), ('newton', NEWTON)])
-Contacts = Table
+@inlined
+def stiffness(contacts: Contacts, a: int, kind: int) -> tuple[float, float, float, float, float]:
+    """Return S_xx, S_xy, S_yy, S_xN and S_yN of one kind of friction at contact a [kg]."""
+    newton = contacts.newton
+    return (
+        newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind], newton.S_xN[a, kind],
+        newton.S_yN[a, kind],
+    )  # fmt: skip
 
 
 def make_contacts(links: Array) -> Contacts:
@@ -87,7 +109,7 @@ def make_contacts(links: Array) -> Contacts:
 
     `links`, shape (contacts, 2), are the link of every contact and the one it touches, or -1.
     """
-    contacts = record_array(len(links), CONTACT)
+    contacts: Contacts = record_array(len(links), Contacts)
     geometry = contacts['geometry']
     geometry['grip'][:] = 1.0
     geometry['link'][:], geometry['other_link'][:] = links.T

@@ -20,14 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.contacts import Contacts, stiffness
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
-from snake_sim_ros.dynamics.articulated_body import Chain, solve_chain
+from snake_sim_ros.dynamics.articulated_body import Chain, FreeChain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, four, inlined, Packs, pair
 from snake_sim_ros.dynamics.free_chain import (
     factor_free,
     fold_wrench,
-    FreeChain,
     joint_column,
     root_load,
     unfold_free,
@@ -40,10 +39,10 @@ class Delassus(NamedTuple):
     """Arrays for c rows; component j of contact a has the row ``contacts.newton.row[a] + j``."""
 
     operator: Array  # (c, c) G [1/kg]
-    system: Array  # (c, c+1) matrix and right side of a linear system
+    system: Array  # (c, c+1) matrix [1] and right side [N s] of a linear system
     free_velocity: Array  # (c,) relative velocities without contact impulses and shifts [m/s]
     packed: Array  # (c,) velocities [m/s] or impulses [N s] of the closed contacts
-    loads: Array  # (c, 2n+4) loads X of unit impulses in a chain of n links
+    loads: Array  # (c, 2n+4) loads X of unit impulses in a chain of n links [kg^-1/2]
     depth: Array  # (c, 2) joints of both arms that a contact loads, in its first row
 
 
@@ -131,20 +130,27 @@ def condensed_velocities(
     ``delassus.packed`` is filled with the velocities, too.
     """
     solution, newton = contacts.solution, contacts.newton
-    G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
-    for b in closed:
-        for j in range(width):
-            P = solution.impulse[b, j]
-            if P != 0.0:
-                column = newton.row[b] + j  # G is symmetric
-                for a in closed:
-                    row = newton.row[a]
-                    for i in range(width):
-                        packed[row + i] += G[column, row + i] * P
     for a in closed:
         for j in range(width):
-            solution.gamma[a, j] = packed[newton.row[a] + j]
+            add_response(
+                solution.impulse[a, j], newton.row[a] + j, closed, width, contacts, delassus
+            )
+    for a in closed:
+        for j in range(width):
+            solution.gamma[a, j] = delassus.packed[newton.row[a] + j]
+
+
+@inlined
+def add_response(
+    P: float, column: int, closed: Array, width: int, contacts: Contacts, delassus: Delassus
+) -> None:
+    """Add the velocities that an impulse P [N s] causes to delassus.packed; G is symmetric."""
+    if P != 0.0:
+        for a in closed:
+            row = contacts.newton.row[a]
+            for i in range(width):
+                delassus.packed[row + i] += delassus.operator[column, row + i] * P
 
 
 @inlined
@@ -162,12 +168,7 @@ def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: De
             for j in range(1, width, 2):
                 kind = j // 2
                 g_x, g_y = g[row + j], g[row + j + 1]
-                S_xx, S_xy, S_yy = (
-                    newton.S_xx[a, kind],
-                    newton.S_xy[a, kind],
-                    newton.S_yy[a, kind],
-                )
-                S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+                S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
                 B[row + j, column] = S_xN * g_N + S_xx * g_x + S_xy * g_y
                 B[row + j + 1, column] = S_yN * g_N + S_xy * g_x + S_yy * g_y
     for row in range(rows):
@@ -231,9 +232,9 @@ def condense(
 class Columns(NamedTuple):
     """Where loads may be other than 0: in X[:, :end] and X[:, middle:last]."""
 
-    end: int
-    middle: int
-    last: int
+    end: int  # end of the first arm, with the root
+    middle: int  # begin of the second arm
+    last: int  # end of the second arm
 
 
 @inlined

@@ -15,7 +15,7 @@ nothing is smoothed.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,10 +83,10 @@ def set_axis(frame: Array, k: int, v: Three) -> None:
 class Patches(NamedTuple):
     """Patches of friction of a scene; see `surroundings.Patches`."""
 
-    factors: Array  # (rows, columns)
+    factors: Array  # (rows, columns) of friction [1]; rows along y of I, columns along x
     cell: float  # side of a cell [m]
-    origin_x: float  # corner of the cells with the least x and y [m]
-    origin_y: float
+    origin_x: float  # corner of the cells with the least x and y, in I [m]
+    origin_y: float  # [m]
 
 
 def make_patches(scene: Scene) -> Patches:
@@ -117,21 +117,21 @@ def fill_grip(
 class Obstacles(NamedTuple):
     """Ground and pegs of a scene; see `parameters.Ground` and `parameters.Pegs`."""
 
-    heights: Array  # (rows, columns) [m]
+    heights: Array  # (rows, columns) of the cells [m]; rows along y of I, columns along x
     cell: float  # side of a cell [m]
-    origin_x: float  # corner of the cells with the least x and y [m]
-    origin_y: float
-    pegs: Array  # (pegs, 3) x, y, radius [m]
+    origin_x: float  # corner of the cells with the least x and y, in I [m]
+    origin_y: float  # [m]
+    pegs: Array  # (pegs, 3) x and y in I, radius [m]
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
     pair_count: int  # number of such contacts
     pairs: Array  # (pair_count, 2) the spheres that touch in each of them
-    patches: Patches
+    patches: Patches  # of friction on the ground
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
     """Return ground and pegs in the form of the compiled step, or None if all is flat."""
-    ground = scene.ground
+    ground, pairs = scene.ground, pair_contacts(scene)
     if is_flat(scene):
         return None
     heights = np.array(ground.heights, dtype=float)
@@ -143,8 +143,8 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         pegs=scene.pegs.axes,
         first_peg=first_peg(scene),
         first_pair=first_pair(scene),
-        pair_count=len(pair_contacts(scene)),
-        pairs=np.array(pair_contacts(scene), dtype=int).reshape(-1, 2),
+        pair_count=len(pairs),
+        pairs=np.array(pairs, dtype=int).reshape(-1, 2),
         patches=make_patches(scene),
     )
 
@@ -156,8 +156,9 @@ def reach_of_step(closed_gap: float, time: float) -> float:
 
 
 class Pose(NamedTuple):
-    """Where the links are."""
+    """Where the links of a robot are."""
 
+    robot: Mechanism  # spheres and capsules of its links
     q: Array  # (n, 7) link centers [m, frame I] and unit Euler parameters
     R: Array  # (n, 3, 3) link frames in I
     center: Array  # (n, 3) link centers from O, in axes of I [m]
@@ -168,13 +169,11 @@ class Found(NamedTuple):
 
     closed: Array  # (contacts,) numbers of the closed contacts, the first ones
     contacts: Contacts  # gaps, points, radii and links of the closed ones
-    frame: Any  # (contacts, 3, 3) contact frames in I; None on a flat floor
+    frame: Array | None  # (contacts, 3, 3) contact frames in I; None on a flat floor
 
 
 @inlined
-def find_contacts(
-    obstacles: Obstacles | None, tolerance: float, robot: Mechanism, pose: Pose, found: Found
-) -> int:
+def find_contacts(obstacles: Obstacles | None, tolerance: float, pose: Pose, found: Found) -> int:
     """
     Fill the closed contacts, their points and frames.
 
@@ -186,8 +185,6 @@ def find_contacts(
         None on a flat floor; an argument of its own so that Numba leaves out the branch on None.
     tolerance : float
         Gap up to which a contact counts as closed [m].
-    robot : Mechanism
-        Spheres and capsules of its links.
     pose : Pose
     found : Found
         Filled.
@@ -199,12 +196,12 @@ def find_contacts(
 
     """
     if obstacles is None:
-        return find_floor_contacts(tolerance, robot, pose, found)
-    return find_obstacle_contacts(obstacles, tolerance, robot, pose, found)
+        return find_floor_contacts(tolerance, pose, found)
+    return find_obstacle_contacts(obstacles, tolerance, pose, found)
 
 
 @inlined
-def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: Found) -> int:
+def find_floor_contacts(tolerance: float, pose: Pose, found: Found) -> int:
     """
     Fill the closed contacts with a flat floor; return how many they are.
 
@@ -214,7 +211,7 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
 
     Deviation: a vertical link has no heading; e_x^I replaces it.
     """
-    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
+    spheres, q, R, center = pose.robot.spheres, pose.q, pose.R, pose.center
     closed, contacts = found.closed, found.contacts
     geometry, solution = contacts.geometry, contacts.solution
     place, radius, straight, count = spheres.place, spheres.radius, spheres.straight, 0
@@ -241,15 +238,16 @@ def find_floor_contacts(tolerance: float, robot: Mechanism, pose: Pose, found: F
 
 @inlined
 def find_obstacle_contacts(
-    obstacles: Obstacles, tolerance: float, robot: Mechanism, pose: Pose, found: Found
+    obstacles: Obstacles, tolerance: float, pose: Pose, found: Found
 ) -> int:
     """
     Fill the closed contacts with ground, pegs and other links; return how many they are.
 
     Parameters are those of `find_contacts`.
     """
-    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
+    spheres, q, R, center = pose.robot.spheres, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
+    assert frame is not None
     geometry, count, next_capsule = contacts.geometry, 0, 0
     for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
@@ -267,13 +265,12 @@ def find_obstacle_contacts(
                     geometry.link[a], geometry.other_link[a] = i, -1
                     fill_grip(obstacles.patches, contacts, a, (x, y), spheres.grip[s])
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
-        begin, next_capsule = next_capsule, end_of_capsules(robot.capsules, next_capsule, i)
+        begin, next_capsule = next_capsule, end_of_capsules(pose.robot.capsules, next_capsule, i)
         if len(obstacles.pegs) > 0:
-            count = find_peg_contacts(
-                obstacles, tolerance, robot.capsules, (begin, next_capsule), pose, found, count
-            )
+            part = begin, next_capsule
+            count = find_peg_contacts(obstacles, tolerance, pose, part, found, count)
     if obstacles.pair_count > 0:
-        count = find_pair_contacts(obstacles.first_pair, tolerance, robot, pose, found, count)
+        count = find_pair_contacts(obstacles.first_pair, tolerance, pose, found, count)
     return count
 
 
@@ -288,22 +285,18 @@ def end_of_capsules(capsules: Capsules, begin: int, i: int) -> int:
 
 @inlined
 def find_peg_contacts(
-    obstacles: Obstacles,
-    tolerance: float,
-    capsules: Capsules,
-    part: tuple[int, int],
-    pose: Pose,
-    found: Found,
+    obstacles: Obstacles, tolerance: float, pose: Pose, part: tuple[int, int], found: Found,
     count: int,
-) -> int:
+) -> int:  # fmt: skip
     """
     Fill the closed contacts of some capsules with pegs; return how many contacts are closed.
 
     They follow `count` closed ones found before. `part` is the first of the capsules and the one
     after the last. Other parameters are those of `find_contacts`.
     """
-    q, R, center = pose.q, pose.R, pose.center
+    capsules, q, R, center = pose.robot.capsules, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
+    assert frame is not None
     geometry = contacts.geometry
     for c in range(part[0], part[1]):
         i, radius = capsules.link[c], capsules.radius[c]
@@ -432,9 +425,7 @@ def peg_contact(
 
 
 @inlined
-def find_pair_contacts(
-    a: int, tolerance: float, robot: Mechanism, pose: Pose, found: Found, count: int
-) -> int:
+def find_pair_contacts(a: int, tolerance: float, pose: Pose, found: Found, count: int) -> int:
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
@@ -442,8 +433,9 @@ def find_pair_contacts(
     force at one point in space, with levers from their own centers in q: these are elsewhere than
     in `center` where joints are open. Other parameters are those of `find_contacts`.
     """
-    spheres, q, R, center = robot.spheres, pose.q, pose.R, pose.center
+    spheres, q, R, center = pose.robot.spheres, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
+    assert frame is not None
     geometry, begin, of_link = contacts.geometry, spheres.begin, spheres.of_link
     for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]

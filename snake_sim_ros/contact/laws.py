@@ -44,8 +44,8 @@ class Disc(NamedTuple):
     column: int  # of the first component in an impulse
     mu_x: float  # coefficient along the link [1]
     mu_y: float  # coefficient across it [1]
-    over_x: float  # 1/mu_x and 1/mu_y; 0 where there is no friction
-    over_y: float
+    over_x: float  # 1/mu_x; 0 where there is no friction [1]
+    over_y: float  # 1/mu_y [1]
     stiffness: float  # of the proximal point method, scaled; 0 without friction [kg]
 
 
@@ -87,16 +87,16 @@ class OtherFriction(NamedTuple):
 
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
-    peg: Disc
-    pair: Disc
+    peg: Disc  # sliding friction at pegs
+    pair: Disc  # sliding friction between links
     rolling: Disc  # zero: such contacts have no rolling friction
-    backward: Disc
+    backward: Disc  # sliding friction against sliding backward
     has_sides: bool  # whether `backward` differs from `Laws.sliding`
     is_viscous: bool  # whether there is viscous friction on the ground
-    viscous_x: float  # that of a contact along its link and across it [N s/m]
-    viscous_y: float
+    viscous_x: float  # that of a contact along its link [N s/m]
+    viscous_y: float  # and across it [N s/m]
     falls: bool  # whether sliding friction on the ground falls with speed
-    kinetic_ratio: float  # at high speed, over that at rest
+    kinetic_ratio: float  # at high speed, over that at rest [1]
     stribeck_speed: float  # at which it has fallen half way [m/s]
 
 
@@ -126,14 +126,14 @@ def make_other_friction(scene: Scene, proximal: float) -> OtherFriction | None:
 class Laws(NamedTuple):
     """The numbers of the contact laws, of the selection rule and of the natural map."""
 
-    sliding: Disc
-    rolling: Disc
+    sliding: Disc  # against sliding forward, on the ground
+    rolling: Disc  # on the ground
     compliance: float  # of the selection rule [1/kg]
     least_compliance: float  # the rule is not reduced below it [1/kg]
     proximal_compliance: float  # compliance of the proximal point method [1/kg]
-    r_N: float  # prox parameters: normal, sliding, rolling [kg]
-    r_T: float
-    r_V: float
+    r_N: float  # prox parameter of the normal law [kg]
+    r_T: float  # of sliding [kg]
+    r_V: float  # of rolling [kg]
     residual_tolerance: float  # residual up to which the laws hold [m/s]
     change_tolerance: float  # change of impulses at which the paper's iteration stops, (93) [N s]
     other: OtherFriction | None = None  # None on a flat floor
@@ -165,7 +165,7 @@ def anchored_disc(laws: Laws, other: OtherFriction | None, contacts: Contacts, a
 
 
 @inlined
-def changes_side(other: OtherFriction, contacts: Contacts, a: int) -> bool:
+def changes_side(other: OtherFriction | None, contacts: Contacts, a: int) -> bool:
     """Return whether the iterate of contact a has friction of another side than its anchor."""
     if other is None:
         return False
@@ -233,16 +233,17 @@ def add_viscous_friction(
         Those of a `problem.Problem`, with shifts; ``chain.bare`` is added to.
 
     """
-    geometry, solution = contacts.geometry, contacts.solution
+    geometry, solution, frame = contacts.geometry, contacts.solution, chain.frame
     if other is None:
         return
+    assert frame is not None
     for k in range(len(closed) if other.is_viscous else 0):
         a = closed[k]
         if a < other.first_peg and solution.shift[a] <= 0.0:
             resistance = viscosity(other, h, contacts, a)
             inertia = chain.bare[geometry.link[a]]
             for axis in range(2):
-                w = direction(geometry.point, chain.frame, a, axis + 1)
+                w = direction(geometry.point, frame, a, axis + 1)
                 for i in range(6):
                     for j in range(6):
                         inertia[i, j] += resistance[axis] * w[i] * w[j]

@@ -36,8 +36,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING
+from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING, stiffness
 from snake_sim_ros.contact.delassus import (
+    add_response,
     condensed_system,
     condensed_velocities,
     Delassus,
@@ -219,12 +220,7 @@ def linear_impulses(closed: Array, contacts: Contacts, rolling: bool) -> None:
             kind = SLIDING if k == 1 else ROLLING
             x = solution.gamma[a, k] - newton.trial[a, k]
             y = solution.gamma[a, k + 1] - newton.trial[a, k + 1]
-            S_xx, S_xy, S_yy = (
-                newton.S_xx[a, kind],
-                newton.S_xy[a, kind],
-                newton.S_yy[a, kind],
-            )
-            S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+            S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
             P_x, P_y = newton.law_impulse[a, k], newton.law_impulse[a, k + 1]
             solution.impulse[a, k] = P_x - S_xx * x - S_xy * y - S_xN * normal
             solution.impulse[a, k + 1] = P_y - S_xy * x - S_yy * y - S_yN * normal
@@ -280,7 +276,8 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
     geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     cx, cy = geometry.heading[a, 0], geometry.heading[a, 1]
     x, y, z = geometry.point[a, 0], geometry.point[a, 1], geometry.point[a, 2]
-    S_xN, S_yN, shift = newton.S_xN[a, SLIDING], newton.S_yN[a, SLIDING], solution.shift[a]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, SLIDING)
+    shift = solution.shift[a]
     P_x, P_y = newton.P_0[a, 1] - S_xN * shift, newton.P_0[a, 2] - S_yN * shift
     fz = newton.P_0[a, 0] - newton.S_N[a] * shift
     fx, fy = cx * P_x - cy * P_y, cy * P_x + cx * P_y
@@ -290,11 +287,6 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
     wrench[i, 3] += fx
     wrench[i, 4] += fy
     wrench[i, 5] += fz
-    S_xx, S_xy, S_yy = (
-        newton.S_xx[a, SLIDING],
-        newton.S_xy[a, SLIDING],
-        newton.S_yy[a, SLIDING],
-    )
     xx = cx * cx * S_xx - 2.0 * cx * cy * S_xy + cy * cy * S_yy
     xy = cx * cy * (S_xx - S_yy) + (cx * cx - cy * cy) * S_xy
     yy = cy * cy * S_xx + 2.0 * cx * cy * S_xy + cx * cx * S_yy
@@ -322,14 +314,9 @@ def add_rolling_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i
     """Add the rolling torque r (P_v, -P_u) of contact a to link i, eqs. (36), (37)."""
     geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
     x, y, r = geometry.point[a, 0], geometry.point[a, 1], geometry.radius[a]
-    wrench[i, 0] += r * (newton.P_0[a, 4] - newton.S_yN[a, ROLLING] * solution.shift[a])
-    wrench[i, 1] -= r * (newton.P_0[a, 3] - newton.S_xN[a, ROLLING] * solution.shift[a])
-    S_xx, S_xy, S_yy = (
-        newton.S_xx[a, ROLLING],
-        newton.S_xy[a, ROLLING],
-        newton.S_yy[a, ROLLING],
-    )
-    S_xN, S_yN = newton.S_xN[a, ROLLING], newton.S_yN[a, ROLLING]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, ROLLING)
+    wrench[i, 0] += r * (newton.P_0[a, 4] - S_yN * solution.shift[a])
+    wrench[i, 1] -= r * (newton.P_0[a, 3] - S_xN * solution.shift[a])
     inertia[i, 0, 0] += r * r * S_yy + r * S_yN * y
     inertia[i, 0, 1] -= r * r * S_xy + r * S_yN * x
     inertia[i, 0, 5] += r * S_yN
@@ -398,8 +385,7 @@ def add_friction_law(
     solution, newton = contacts.solution, contacts.newton
     normal, along, across = directions
     k, shift = 1 + 2 * kind, solution.shift[a]
-    S_xx, S_xy, S_yy = newton.S_xx[a, kind], newton.S_xy[a, kind], newton.S_yy[a, kind]
-    S_xN, S_yN = newton.S_xN[a, kind], newton.S_yN[a, kind]
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
     P_x, P_y = newton.P_0[a, k] - S_xN * shift, newton.P_0[a, k + 1] - S_yN * shift
     for i in range(6):
         wrench[i] += P_x * along[i] + P_y * across[i]
@@ -412,13 +398,13 @@ def add_friction_law(
 class Reduced(NamedTuple):
     """Arrays for c unknowns: as many as the Delassus operator has rows."""
 
-    system: Array  # (c+1, c) the matrix transposed, and below it the right side
+    system: Array  # (c+1, c) the matrix transposed [1/kg], and below it the right side [m/s]
     response: Array  # (c, c) velocities for a unit of every unknown [1/kg]
     impulse: Array  # (c,) impulses by rows of the operator, first those held [N s]
     row: Array  # (c,) row of the operator for the first component of r
-    along: Array  # (c, 2) r, in this row and the next one
+    along: Array  # (c, 2) r, in this row and the next one [1]
     is_normal: Array  # (c,) 1 if the unknown is a normal impulse
-    follow: Array  # (c, 4) for a normal impulse d of sliding and rolling
+    follow: Array  # (c, 4) for a normal impulse d of sliding and rolling [1]
     compliance: Array  # (c,) 1/S [1/kg]
     goal: Array  # (c,) right sides of the laws, z/S + r . gamma [m/s]
 
@@ -442,8 +428,8 @@ def make_reduced(rows: int) -> Reduced:
 class Operator(NamedTuple):
     """The Delassus operator of few contacts, and arrays for linear problems on it."""
 
-    delassus: Delassus
-    reduced: Reduced
+    delassus: Delassus  # of the contacts that are condensed
+    reduced: Reduced  # of their linear problem
     most: int  # largest number of contacts that are condensed
     swept: int  # how often sweeps over the contacts are tried
     is_condensed: Array  # (1,) 1 if the contacts of this step are
@@ -530,7 +516,7 @@ class Bound(NamedTuple):
     """What bounds the friction of a contact."""
 
     P_N: float  # normal impulse [N s]
-    factor: float  # radius of the friction disc over that impulse; see `laws.grip`
+    factor: float  # radius of the friction disc over that impulse; see `laws.grip` [1]
     normal: int  # number of the unknown that is this impulse, -1 if the radius is held
 
 
@@ -588,17 +574,10 @@ def held_velocities(
     closed: Array, width: int, contacts: Contacts, delassus: Delassus, reduced: Reduced
 ) -> None:
     """Fill delassus.packed with the velocities that the held impulses leave."""
-    newton = contacts.newton
-    G, packed = delassus.operator, delassus.packed
     fill_free_velocities(closed, width, contacts, delassus)
-    for b in closed:
-        for column in range(newton.row[b] + 1, newton.row[b] + width):
-            P = reduced.impulse[column]
-            if P != 0.0:
-                for a in closed:
-                    row = newton.row[a]
-                    for i in range(width):
-                        packed[row + i] += G[column, row + i] * P
+    for a in closed:
+        for column in range(contacts.newton.row[a] + 1, contacts.newton.row[a] + width):
+            add_response(reduced.impulse[column], column, closed, width, contacts, delassus)
 
 
 @inlined
@@ -730,7 +709,7 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
         velocities, so that another iteration follows anyway.
 
     """
-    laws, closed, contacts, _ = problem
+    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
     if operator is not None:
         if operator.is_condensed[0]:
             return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
@@ -741,10 +720,10 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
 @inlined
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, pairs = problem
     rolling = rolls(laws)
     reset_chain(chain)
-    single = closed[: count_single(closed, contacts, chain.pair_delassus)]
+    single = closed[: count_single(closed, contacts, pairs)]
     add_laws(single, contacts, chain.frame, rolling, chain.wrench, chain.inertia)
     factor_chain(chain)
     exact = True
@@ -753,10 +732,8 @@ def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
             fill_wrenches(closed, contacts, chain)
             find_residual(chain)
         largest = correct_chain(chain)
-        largest = max(
-            largest,
-            couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, chain.pair_delassus),
-        )
+        coupled = couple_pairs(k > 0, closed[len(single) :], 3, contacts, chain, pairs)
+        largest = max(largest, coupled)
         contact_velocities(closed, contacts, chain.frame, chain.twist)
         linear_impulses(single, contacts, rolling)
         if k == 0 and not always and is_far(single, contacts):
@@ -841,7 +818,7 @@ def couple_pairs(
     chain : Chain
         Its twists are added to.
     pairs : Delassus or None
-        ``chain.pair_delassus``, an argument of its own so that Numba leaves out the branch on
+        ``problem.pairs``, an argument of its own so that Numba leaves out the branch on
         None.
 
     Returns

@@ -405,7 +405,7 @@ def iterate_laws(
         not keep the loads from becoming accurate.
 
     """
-    laws, closed, contacts, _ = problem
+    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
     for a in closed:
         contacts.newton.disc_radius[a] = contacts.newton.held_radius[a] if held else FREE
     residual = printed = math.inf
@@ -466,7 +466,7 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         Its `fell_back` is true if the radii were held for a while.
 
     """
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
@@ -501,7 +501,7 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
             anchor_at_iterate(laws, closed, contacts)
             along, size = find_radius_steps(closed, contacts)
             relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-            restart_radii(rounds, closed, contacts, chain.pair_delassus)
+            restart_radii(rounds, closed, contacts, problem.pairs)
             end_held(relaxation, closed, contacts)
         if held or rounds < 0:
             held = False
@@ -545,7 +545,7 @@ def begin_held(rounds: int, closed: Array, contacts: Contacts) -> None:
 
 
 @inlined
-def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus) -> None:
+def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus | None) -> None:
     """
     Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
 
@@ -630,8 +630,8 @@ def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
 
     The closed contacts of these calls may be some of those here, and may have other shifts.
     """
-    laws, closed, contacts, chain = problem
-    list_pairs_last(closed, contacts, chain.pair_delassus)
+    laws, closed, contacts, chain, pairs = problem
+    list_pairs_last(closed, contacts, pairs)
     if operator is not None:
         operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
         if operator.is_condensed[0]:
@@ -649,7 +649,7 @@ def solve_prepared(
     operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, limit, operator)
     fill_twists(laws, closed, contacts, chain, operator)
@@ -671,7 +671,7 @@ def attempts_with_sweeps(operator: Operator | None) -> int:
 
 @inlined
 def sweep_contacts(
-    laws: Laws, closed: Array, contacts: Contacts, operator: Operator, sweeps: int
+    laws: Laws, closed: Array, contacts: Contacts, operator: Operator | None, sweeps: int
 ) -> None:
     """Do some sweeps over the contacts of the operator; see `sweeps.improve`."""
     if operator is not None:

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The contact problem of a step, and the call that solves it."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
+
+import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import Dispatched
@@ -20,46 +23,42 @@ class Problem(NamedTuple):
     A solver fills `impulse` and `gamma` of `contacts.solution`, and `chain.twist`.
     """
 
-    laws: Laws
+    laws: Laws  # with the selection rule of this step
     closed: Array  # (k,) numbers of the closed contacts
     contacts: Contacts  # all contacts of the scene
-    chain: Chain
+    chain: Chain  # the links, with momentum and joint torques of this step
+    pairs: Delassus | None  # operator of the contacts of two links; None on a flat floor
 
 
 class Outcome(NamedTuple):
     """How a contact solver ended."""
 
-    iterations: int
+    iterations: int  # at least 1
     converged: bool  # whether the residual is within the tolerance
     residual: float  # natural-map residual with the selection rule [m/s], see `natural_map`
     printed_residual: float  # without the rule [m/s]
     fell_back: bool  # whether a slower method had to help
 
 
-class ContactHistory(Protocol):
-    """
-    The contacts of the last step, from which a solver starts; see `stepping.state.History`.
+class ContactHistory(NamedTuple):
+    """The contacts of the last step, from which a solver starts."""
 
-    Attributes
-    ----------
-    impulse, velocity, change : ndarray, shape (contacts, 5)
-        Impulses [N s], relative velocities [m/s], and how both changed in the step.
+    impulse: Array  # (contacts, 5) impulses [N s]
+    velocity: Array  # (contacts, 5) relative velocities [m/s]
+    change: Array  # (contacts, 5) change of the normal impulse [N s], of other velocities [m/s]
 
-    """
 
-    @property
-    def impulse(self) -> Array: ...  # noqa: D102
+def make_contact_history(contacts: int) -> ContactHistory:
+    """Return the history before the first step of a number of contacts."""
+    return ContactHistory(*np.zeros((3, contacts, 5)))
 
-    @property
-    def velocity(self) -> Array: ...  # noqa: D102
 
-    @property
-    def change(self) -> Array: ...  # noqa: D102
+Solver = tuple[object, ...]  # a NamedTuple with the arrays of a method, whose type chooses it
 
 
 @Dispatched
 def solve_contacts(  # type: ignore[empty-body]
-    solver: Any, problem: Problem, history: ContactHistory, limit: int
+    solver: Solver, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """
     Solve the contact problem of a step with the method that belongs to the type of `solver`.
@@ -68,8 +67,7 @@ def solve_contacts(  # type: ignore[empty-body]
 
     Parameters
     ----------
-    solver : NamedTuple
-        Arrays of the method.
+    solver : Solver
     problem : Problem
         Its contacts and chain are filled with the solution.
     history : ContactHistory

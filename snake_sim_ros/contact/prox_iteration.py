@@ -20,6 +20,7 @@ from snake_sim_ros.contact.laws import (
     sliding_disc,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.sweeps import forget_others
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
@@ -34,19 +35,6 @@ def copy_impulses(closed: Array, impulse: Array, contacts: Contacts) -> None:
     for a in closed:
         for j in range(5):
             contacts.solution.impulse[a, j] = impulse[a, j]
-
-
-@compiled
-def forget_open(closed: Array, contacts: Contacts, impulse: Array) -> None:
-    """Fill the impulses of open contacts, of shape (contacts, 5) [N s], with 0."""
-    newton = contacts.newton
-    for a in closed:
-        newton.is_closed[a] = 1
-    for a in range(len(impulse)):
-        if newton.is_closed[a] == 0:
-            for j in range(5):
-                impulse[a, j] = 0.0
-        newton.is_closed[a] = 0
 
 
 @inlined
@@ -99,7 +87,7 @@ def prox_sweep(laws: Laws, closed: Array, contacts: Contacts, impulse: Array) ->
 class ProxIteration(NamedTuple):
     """The paper's iteration, with the arrays of the Delassus operator."""
 
-    delassus: Delassus
+    delassus: Delassus  # for up to MOST_CONDENSED_ROWS
 
 
 @solve_contacts.register(ProxIteration)
@@ -112,7 +100,7 @@ def solve_with_projections(
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, laws.change_tolerance
     reset_chain(chain)
     factor_chain(chain)
@@ -135,6 +123,6 @@ def solve_with_projections(
         iterations += 1
     if condensed:
         end_twists(closed, contacts, chain)
-    forget_open(closed, contacts, impulse)
+    forget_others(closed, contacts, history)
     residual, printed = natural_map(laws, closed, contacts, 0.0)
     return Outcome(iterations, change < tolerance, residual, printed, False)

@@ -139,7 +139,7 @@ class PathFollower:
     def start(self, scene: Scene) -> None:
         """Begin anew; the robot must be able to follow the gait, and the gait to turn."""
         gait, robot = scene.gait, scene.robot
-        stride = self._given or Stride.of(gait)
+        stride = self._given or Stride.of(gait, scene.friction)
         speed = speed_along(self.following, gait, stride)
         check_limits(gait, robot)
         self.robot, self.gait, self.stride = robot, gait, stride

@@ -6,7 +6,7 @@ Forward dynamics of a chain of links with two hinge axes a joint, linear in the 
 The articulated-body algorithm [1] on impulses: given the impulse wrenches on all links, it finds
 the twists that satisfy the joint constraints. All quantities are about the common point O, in axes
 of I, so that nothing is transformed along the chain. Twists are (angular [rad/s], linear [m/s]),
-wrenches (moment [N m s], impulse [N s]). `articulated_inertia` prepares a configuration once; then
+wrenches (moment [N m s], impulse [N s]). `factor_chain` prepares a configuration once; then
 `articulated_velocity` solves it for any number of wrenches.
 
 The inertia of a link may be any 6x6 matrix by which its wrench depends on its twist. A contact
@@ -23,7 +23,7 @@ of the joint between both, and A the articulated inertia of everything from the 
 .. [1] R. Featherstone, "Rigid Body Dynamics Algorithms", Springer 2008, ch. 7.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import (
@@ -44,6 +44,21 @@ from snake_sim_ros.scene.parameters import Array
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+class FreeChain(NamedTuple):
+    """
+    The factors of a chain of n links without contacts, and its loads; see `free_chain`.
+
+    U is in kg^1/2 m where it scales turns, and in kg^1/2 where it scales ways of the root. Scaled
+    loads are in kg^1/2 m/s.
+    """
+
+    axis: Array  # (n-1, 2, 6) scaled axes S U^-1
+    reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
+    root: Array  # (6, 6) factors of the root; see `free_chain.factor_root`
+    load: Array  # (2n+4,) scaled loads of momentum and torques
+    end_load: Array  # (2n+4,) the same with contact impulses
+
+
 class Chain(NamedTuple):
     """
     A chain of links as the sweeps take it, and the arrays that they fill.
@@ -56,12 +71,13 @@ class Chain(NamedTuple):
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
     damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate of the axes [N m s^2]
-    bare: Array  # (n, 6, 6) inertia of the links alone, about O
+    bare: Array  # (n, 6, 6) inertia of the links alone
     momentum: Array  # (n, 6) impulse wrench of everything but contacts and torques
     inertia: Array  # (n, 6, 6) articulated inertia; in inertia[n // 2] factors of the root
     wrench: Array  # (n, 6) load of every link: momentum plus impulse wrench
-    left: Array  # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S
-    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping
+    # (n-1, 2, 6) A S D^-1, of the inertia A beyond the joint and its axes S [1], [1/m]
+    left: Array
+    right: Array  # (n-1, 2, 6) D^-1 S^T A, with D = S^T A S + damping [1], [1/m]
     compliance: Array  # (n-1, 4) entries 11, 12, 21, 22 of D^-1 [1/(kg m^2)]
     load: Array  # (n-1, 2) loads of the joint axes [N m s]
     rate: Array  # (n-1, 2) rates of the joint axes [rad/s]
@@ -69,10 +85,9 @@ class Chain(NamedTuple):
     residual_torque: Array  # (n-1, 2) torque less what the rates resist [N m s]
     twist: Array  # (n, 6) twists of the links: the solution
     correction: Array  # (n, 6) correction of these twists
-    no_torque: Array  # (n-1, 2) zeros
-    frame: Array | None = None  # (contacts, 3, 3) contact frames; None on a flat floor
-    free: Any = None  # the chain without contacts, see `free_chain.FreeChain`
-    pair_delassus: Any = None  # Delassus operator of contacts of two links, if there can be any
+    # (contacts, 3, 3) contact frames, rows normal, e_x, e_y in axes of I; None on a flat floor
+    frame: Array | None
+    free: FreeChain  # the chain without contacts
 
 
 @inlined
@@ -96,61 +111,21 @@ def reset_chain(chain: Chain) -> None:
         chain.rate[j, 0] = chain.rate[j, 1] = 0.0
 
 
-class Joints(NamedTuple):
-    """
-    The joints of a chain as the sweeps take them; joint j is between the links j and j+1.
-
-    Its arrays are those of a `Chain`. `articulated_inertia` reads axis and damping, and fills
-    left, right and compliance; `articulated_velocity` reads these and fills load.
-    """
-
-    axis: Array
-    damping: Array
-    left: Array
-    right: Array
-    compliance: Array
-    load: Array
-
-
-@inlined
-def joints_of(chain: Chain) -> Joints:
-    """Return the joints of a chain."""
-    return Joints(chain.axis, chain.damping, chain.left, chain.right, chain.compliance, chain.load)
-
-
-@inlined
-def factor_chain(chain: Chain) -> None:
-    """Prepare the chain for solutions, with the link inertias in chain.inertia."""
-    articulated_inertia(joints_of(chain), chain.inertia)
-
-
 @inlined
 def solve_chain(chain: Chain, torque: Array) -> None:
     """
-    Fill the twists and rates that loads cause on a factored chain.
+    Fill chain.twist and chain.rate, which loads cause on a factored chain.
 
-    Parameters
-    ----------
-    chain : Chain
-        Its `wrench` is the load of the links; `twist` and `rate` are filled.
-    torque : ndarray, shape (n-1, 2)
-        Impulse on every joint axis [N m s].
-
+    `torque`, shape (n-1, 2), is the impulse on every joint axis [N m s], `chain.wrench` the load
+    of the links.
     """
-    root_factor = chain.inertia[len(chain.inertia) // 2]
-    articulated_velocity(
-        joints_of(chain), root_factor, torque, chain.wrench, chain.rate, chain.twist
-    )
+    articulated_velocity(chain, torque, chain.rate, chain.twist)
 
 
 @inlined
 def solve_residual(chain: Chain) -> None:
     """Fill chain.correction, the twists that residual torques and chain.wrench cause."""
-    root_factor = chain.inertia[len(chain.inertia) // 2]
-    articulated_velocity(
-        joints_of(chain), root_factor, chain.residual_torque, chain.wrench,
-        chain.rate_correction, chain.correction,
-    )  # fmt: skip
+    articulated_velocity(chain, chain.residual_torque, chain.rate_correction, chain.correction)
 
 
 @inlined
@@ -198,32 +173,28 @@ def find_residual(chain: Chain) -> None:
 
 
 @compiled
-def articulated_inertia(joints: Joints, inertia: Array) -> None:
+def factor_chain(chain: Chain) -> None:
     """
     Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
 
-    Parameters
-    ----------
-    joints : Joints
-    inertia : ndarray, shape (n, 6, 6)
-        On entry inertia of the links; on return articulated inertia, and in ``inertia[n // 2]``
-        the factors of the articulated inertia of the root.
-
+    On entry chain.inertia has the inertias of the links; axis and damping are read, and left,
+    right and compliance filled.
     """
+    inertia = chain.inertia
     n = len(inertia)
     root = n // 2
     for k in range(root):
-        fold_inertia(joints, k, inertia[k], inertia[k + 1])
+        fold_inertia(chain, k, inertia[k], inertia[k + 1])
         i = n - 1 - k
         if i > root:
-            fold_inertia(joints, i - 1, inertia[i], inertia[i - 1])
+            fold_inertia(chain, i - 1, inertia[i], inertia[i - 1])
     factor(inertia[root])
 
 
 @inlined
-def fold_inertia(joints: Joints, j: int, A: Array, parent: Array) -> None:
+def fold_inertia(chain: Chain, j: int, A: Array, parent: Array) -> None:
     """Add to the inertia of the parent what it feels through joint j of the inertia A beyond."""
-    axis, damping, compliance = joints.axis, joints.damping, joints.compliance
+    axis, damping, compliance = chain.axis, chain.damping, chain.compliance
     s0, s1 = row_of(axis[j], 0), row_of(axis[j], 1)
     rows = rows_of(A)
     a0, a1, a2, a3, a4, a5 = rows
@@ -238,60 +209,55 @@ def fold_inertia(joints: Joints, j: int, A: Array, parent: Array) -> None:
     compliance[j, 2], compliance[j, 3] = c10, c11
     g0, g1 = combine(c00, g0, c10, g1), combine(c01, g0, c11, g1)
     add_reduced(parent, rows, g0, h0, g1, h1)
-    store(joints.left[j], 0, g0)
-    store(joints.left[j], 1, g1)
-    store(joints.right[j], 0, combine(c00, h0, c01, h1))
-    store(joints.right[j], 1, combine(c10, h0, c11, h1))
+    store(chain.left[j], 0, g0)
+    store(chain.left[j], 1, g1)
+    store(chain.right[j], 0, combine(c00, h0, c01, h1))
+    store(chain.right[j], 1, combine(c10, h0, c11, h1))
 
 
 @compiled
-def articulated_velocity(
-    joints: Joints, root_factor: Array, torque: Array, wrench: Array, rate: Array, twist: Array
-) -> None:
+def articulated_velocity(chain: Chain, torque: Array, rate: Array, twist: Array) -> None:
     """
-    Fill the twists of all links under given loads.
+    Fill the twists of all links that torques and chain.wrench cause on a factored chain.
 
     Parameters
     ----------
-    joints : Joints
-        As filled by `articulated_inertia`.
-    root_factor : ndarray, shape (6, 6)
-        LU factors of the articulated inertia of the root.
+    chain : Chain
+        As filled by `factor_chain`; its load is filled.
     torque : ndarray, shape (n-1, 2)
         Impulse on every joint axis [N m s].
-    wrench : ndarray, shape (n, 6)
-        Momentum and impulse wrench of every link together.
     rate : ndarray, shape (n-1, 2)
         Filled with the rates of the joint axes [rad/s].
     twist : ndarray, shape (n, 6)
         Filled with the twists.
 
     """
+    wrench = chain.wrench
     n = len(wrench)
     root = n // 2
     arm, other = ZERO, ZERO
     for k in range(root):
-        arm = fold(joints, k, torque, add(arm, row_of(wrench, k)))
+        arm = fold(chain, k, torque, add(arm, row_of(wrench, k)))
         i = n - 1 - k
         if i > root:
-            other = fold(joints, i - 1, torque, add(other, row_of(wrench, i)))
-    arm = solve(root_factor, add(add(arm, other), row_of(wrench, root)))
+            other = fold(chain, i - 1, torque, add(other, row_of(wrench, i)))
+    arm = solve(chain.inertia[root], add(add(arm, other), row_of(wrench, root)))
     other = arm
     store(twist, root, arm)
     for k in range(root):
         i = root - 1 - k
-        arm = unfold(joints, i, rate, arm)
+        arm = unfold(chain, i, rate, arm)
         store(twist, i, arm)
         i = root + 1 + k
         if i < n:
-            other = unfold(joints, i - 1, rate, other)
+            other = unfold(chain, i - 1, rate, other)
             store(twist, i, other)
 
 
 @inlined
-def fold(joints: Joints, j: int, torque: Array, w: Six) -> Six:
+def fold(chain: Chain, j: int, torque: Array, w: Six) -> Six:
     """Return what the parent of joint j feels of the wrench w beyond; store its load."""
-    axis, left, load = joints.axis, joints.left, joints.load
+    axis, left, load = chain.axis, chain.left, chain.load
     load0 = torque[j, 0] + dot(row_of(axis[j], 0), w)
     load1 = torque[j, 1] + dot(row_of(axis[j], 1), w)
     load[j, 0], load[j, 1] = load0, load1
@@ -306,10 +272,10 @@ def fold(joints: Joints, j: int, torque: Array, w: Six) -> Six:
 
 
 @inlined
-def unfold(joints: Joints, j: int, rate: Array, v: Six) -> Six:
+def unfold(chain: Chain, j: int, rate: Array, v: Six) -> Six:
     """Return the twist of the link beyond joint j from that of its parent, v; store the rates."""
-    axis, right, compliance = joints.axis, joints.right, joints.compliance
-    load0, load1 = joints.load[j, 0], joints.load[j, 1]
+    axis, right, compliance = chain.axis, chain.right, chain.compliance
+    load0, load1 = chain.load[j, 0], chain.load[j, 1]
     rate0 = compliance[j, 0] * load0 + compliance[j, 1] * load1 - dot(row_of(right[j], 0), v)
     rate1 = compliance[j, 2] * load0 + compliance[j, 3] * load1 - dot(row_of(right[j], 1), v)
     rate[j, 0], rate[j, 1] = rate0, rate1

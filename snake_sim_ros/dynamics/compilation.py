@@ -4,12 +4,12 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import update_wrapper
+from functools import cache, update_wrapper
 import gc
 import operator
 import os
 import platform
-from typing import Any
+from typing import Any, Generic, get_type_hints, overload, ParamSpec, TypeVar
 
 try:
     from llvmlite import ir
@@ -42,7 +42,13 @@ if 'NUMBA_SLP_VECTORIZE' not in os.environ:
     numba.config.SLP_VECTORIZE = 1
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+# A function, which keeps its signature, and the parts of one.
+F = TypeVar('F', bound=Callable[..., Any])
+P = ParamSpec('P')
+Result = TypeVar('Result')
+
+
+def compiled(function: F) -> F:
     """
     Return `function` compiled on its first call, or as it is with NUMBA_DISABLE_JIT=1.
 
@@ -54,7 +60,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function)
 
 
-def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+def inlined(function: F) -> F:
     """
     Return `function` compiled into its callers, which are compiled functions; see `compiled`.
 
@@ -66,7 +72,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     )
 
 
-class Dispatched:
+class Dispatched(Generic[P, Result]):
     """
     A function like those of `functools.singledispatch` that compiled functions can call, too.
 
@@ -79,19 +85,20 @@ class Dispatched:
     with one and with two steps do, are separate functions at the top of a module.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[P, Result]) -> None:
         update_wrapper(self, function)
         self.name = f'{function.__module__}.{function.__qualname__}'
         self.implementations: dict[Any, Callable[..., Any]] = {}
 
-    def __call__(self, first: Any, *others: Any) -> Any:
-        """Call the implementation for the type of the first argument."""
-        return self.implementations[type(first)](first, *others)
+    def __call__(self, *arguments: P.args, **named: P.kwargs) -> Result:
+        """Call the implementation for the type of the first argument; none is named."""
+        result: Result = self.implementations[type(arguments[0])](*arguments)
+        return result
 
-    def register(self, cls: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def register(self, cls: type) -> Callable[[F], F]:
         """Return a decorator of the compiled implementation for a class."""
 
-        def add(implementation: Callable[..., Any]) -> Callable[..., Any]:
+        def add(implementation: F) -> F:
             if COMPILES and not hasattr(implementation, 'py_func'):
                 raise TypeError(f'{implementation} must be compiled to be registered')
             self.implementations[cls] = implementation
@@ -103,7 +110,7 @@ class Dispatched:
 class DispatchedType(types.Callable):
     """The type of a `Dispatched` function in compiled code: a call is one of an implementation."""
 
-    def __init__(self, function: Dispatched) -> None:
+    def __init__(self, function: Dispatched[..., Any]) -> None:
         self.implementations = function.implementations
         super().__init__(function.name)
 
@@ -131,7 +138,7 @@ class DispatchedType(types.Callable):
 
 
 @typeof_impl.register(Dispatched)  # type: ignore[untyped-decorator]
-def _type_of_dispatched(function: Dispatched, context: Any) -> DispatchedType:
+def _type_of_dispatched(function: Dispatched[..., Any], context: Any) -> DispatchedType:
     return DispatchedType(function)
 
 
@@ -143,8 +150,8 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
     return context.get_dummy_value()
 
 
-def _compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    wrapper: Callable[..., Any] = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
+def _compiled(function: F, **options: Any) -> F:
+    wrapper: F = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
     if COMPILES and (code_cache.FOLDER or code_cache.SHIPPED_FOLDER):
         # As `enable_caching` of the wrapper does with the cache of Numba.
         vars(wrapper)['_cache'] = code_cache.CodeCache(function)
@@ -203,40 +210,63 @@ def watched(tell: Callable[[str], object], *, at_end: bool = False) -> Iterator[
         yield
 
 
-class Columns:
-    """
-    The form of a table where nothing is compiled: an array whose record fields are attributes.
+Record = TypeVar('Record')
 
-    Python takes microseconds to reach a field of a np.recarray.
+
+class Table(Generic[Record]):
+    """
+    Records whose fields are attributes, as compiled functions see an array of them.
+
+    Where nothing is compiled they are an object of this class, because Python takes microseconds
+    to reach a field of a np.recarray.
     """
 
     def __init__(self, records: Any) -> None:
         self.records = records.view(np.recarray)
         for name in records.dtype.names:
             column = records[name]
-            setattr(self, name, column if column.dtype.names is None else Columns(column))
+            setattr(self, name, column if column.dtype.names is None else Table(column))
 
     def __len__(self) -> int:
         """Return the number of records."""
         return len(self.records)
+
+    @overload
+    def __getitem__(self, key: str) -> Any: ...
+
+    @overload
+    def __getitem__(self, key: int) -> Record: ...
 
     def __getitem__(self, key: Any) -> Any:
         """Return the field of a name, or the record of a number."""
         return self.records[key]
 
 
-Table = Any  # what `record_array` returns
-
-
-def record_array(count: int, dtype: np.dtype[Any]) -> Table:
+@cache
+def record_type(fields: type) -> np.dtype[Any]:
     """
-    Return an array of zero records whose fields are attributes, in compiled code or without it.
+    Return the type of records from a class that lists their fields.
+
+    A field is a number, or another such class. Where the class is that of the columns of a table,
+    a field is ``Annotated[Array, kind, *shape]``, with kind and shape of what a record has of it.
+    """
+    columns = []
+    for name, hint in get_type_hints(fields, include_extras=True).items():
+        kind, *shape = getattr(hint, '__metadata__', (hint,))
+        item = kind if kind in (int, float) else record_type(kind)
+        columns.append((name, item, tuple(shape)))
+    return np.dtype(columns)
+
+
+def record_array(count: int, fields: type) -> Any:
+    """
+    Return a `Table` of zero records with the `fields` of `record_type`, as compiled code takes it.
 
     It is not a np.recarray, because compiled functions look up the type of a recarray at every
     call from Python, which takes 10 us.
     """
-    records = np.zeros(count, dtype)
-    return records if COMPILES else Columns(records)
+    records = np.zeros(count, record_type(fields))
+    return records if COMPILES else Table(records)
 
 
 class PackType(types.Type):

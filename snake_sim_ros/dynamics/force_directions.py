@@ -73,6 +73,26 @@ def contact_directions(robot: Robot, R: Array) -> tuple[Array, Array, Array]:
     return W_N, W_T, W_V
 
 
+def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
+    """
+    Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, eqs. (17)-(31).
+
+    Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., m, 3)
+    [m/s] for m contacts.
+    """
+    spheres = robot.chain.spheres
+    R, u = rotation_matrices(q[..., 3:])[..., spheres.link, :, :], u[..., spheres.link, :]
+    omega = (R @ u[..., 3:, None])[..., 0]
+    along, lever = R[..., 2], np.einsum('...aij,aj->...ai', R, spheres.place)
+    below = spheres.radius[:, None] * np.array([0.0, 0.0, 1.0])
+    v = u[..., :3] + np.cross(omega, lever - below)
+    heading = along[..., :2] / np.linalg.norm(along[..., :2], axis=-1, keepdims=True)
+    left = np.stack([-heading[..., 1], heading[..., 0]], axis=-1)
+    return np.stack(
+        [v[..., 2], (v[..., :2] * heading).sum(-1), (v[..., :2] * left).sum(-1)], axis=-1
+    )
+
+
 def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     """
     Return gaps and generalized force directions of all contacts of a scene.

@@ -18,11 +18,10 @@ give the velocities without contact impulses, ``X f``.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.articulated_body import Chain, FreeChain
 from snake_sim_ros.dynamics.compilation import inlined, Packs, pair, square_root
 from snake_sim_ros.dynamics.spatial_vectors import (
     add,
@@ -45,16 +44,6 @@ from snake_sim_ros.dynamics.spatial_vectors import (
     symmetric_times,
 )
 from snake_sim_ros.scene.parameters import Array
-
-
-class FreeChain(NamedTuple):
-    """The factors of a chain of n links, and the loads of its momentum and torques."""
-
-    axis: Array  # (n-1, 2, 6) scaled axes S U^-1
-    reach: Array  # (n-1, 2, 6) A S U^-1, of the inertia A beyond the joint
-    root: Array  # (6, 6) factors of the root
-    load: Array  # (2n+4,) scaled loads of momentum and torques
-    end_load: Array  # (2n+4,) the same with contact impulses
 
 
 def make_free_chain(n: int) -> FreeChain:
@@ -100,7 +89,7 @@ def factor_free(chain: Chain) -> None:
         A, w = fold_free(chain, k, j, A, w)
         if i == 0:
             A, w = inertia_of_first_arm(A), of_first_arm(w)
-    factor_root(free.root, root_inertia(A, bare[root]))
+    factor_root(free.root, A, bare[root])
     load = root_load(free.root, add(add(lane_of(w, 0), lane_of(w, 1)), row_of(momentum, root)))
     for k in range(6):
         free.load[k] = load[k]
@@ -180,34 +169,16 @@ def unfold_free(free: FreeChain, load: Array, twist: Array) -> None:
         store_pair(twist, k, i, v)
 
 
-@inlined
-def root_inertia(A: Symmetric, bare: Array) -> tuple[float, ...]:
-    """Return the articulated inertia of the root from those of both arms and its own."""
-    return (
-        A[0][0] + A[0][1] + bare[0, 0], A[1][0] + A[1][1] + bare[0, 1],
-        A[2][0] + A[2][1] + bare[0, 2], A[3][0] + A[3][1] + bare[0, 3],
-        A[4][0] + A[4][1] + bare[0, 4], A[5][0] + A[5][1] + bare[0, 5],
-        A[6][0] + A[6][1] + bare[1, 1], A[7][0] + A[7][1] + bare[1, 2],
-        A[8][0] + A[8][1] + bare[1, 3], A[9][0] + A[9][1] + bare[1, 4],
-        A[10][0] + A[10][1] + bare[1, 5], A[11][0] + A[11][1] + bare[2, 2],
-        A[12][0] + A[12][1] + bare[2, 3], A[13][0] + A[13][1] + bare[2, 4],
-        A[14][0] + A[14][1] + bare[2, 5], A[15][0] + A[15][1] + bare[3, 3],
-        A[16][0] + A[16][1] + bare[3, 4], A[17][0] + A[17][1] + bare[3, 5],
-        A[18][0] + A[18][1] + bare[4, 4], A[19][0] + A[19][1] + bare[4, 5],
-        A[20][0] + A[20][1] + bare[5, 5],
-    )  # fmt: skip
-
-
 # The root, with A = L D L^T: L is below the diagonal of `root`, D^-1/2 on it.
 
 
 @inlined
-def factor_root(root: Array, A: tuple[float, ...]) -> None:
-    """Fill the factors of the articulated inertia A of the root."""
+def factor_root(root: Array, A: Symmetric, bare: Array) -> None:
+    """Fill the factors of the articulated inertia of the root, from those of both arms A."""
     m = 0
     for i in range(6):
         for j in range(i, 6):
-            root[j, i] = A[m]
+            root[j, i] = A[m][0] + A[m][1] + bare[i, j]
             m += 1
     for k in range(6):
         over = 1.0 / root[k, k]

@@ -20,13 +20,17 @@ from snake_sim_ros.scene.parameters import Array
 
 
 class HingeChain(NamedTuple):
-    """A chain as the sweeps take and fill it; s is the axis of a joint, A the inertia beyond."""
+    """
+    A chain as the sweeps take and fill it; s is the axis of a joint, A the inertia beyond.
+
+    Twists, wrenches and inertias are about O, in the units of `articulated_body.Chain`.
+    """
 
     axis: Array  # (n-1, 3) twist s of the outer link against its parent
     damping: Array  # (n-1,) impulse per rate that resists a joint [N m s^2]
     inertia: Array  # (n, 6) entries 11, 12, 13, 22, 23, 33; of the root its factors
-    left: Array  # (n-1, 3) A s/D with D = s . A s + damping
-    compliance: Array  # (n-1,) 1/D
+    left: Array  # (n-1, 3) A s/D with D = s . A s + damping [1], [1/m]
+    compliance: Array  # (n-1,) 1/D [1/(kg m^2)]
     load: Array  # (n-1,) loads of the joints [N m s]
     wrench: Array  # (n, 3) load of every link: momentum plus impulse wrench
     rate: Array  # (n-1,) rates of the joints [rad/s]

@@ -91,30 +91,17 @@ def pd_law(
 
 @compiled
 def implicit_pd_law(
-    dt: float,
-    angle: float,
-    rate: float,
-    reference: tuple[float, float],
-    gains: tuple[float, float],
+    h: float, angle: float, reference: tuple[float, float], gains: tuple[float, float], held: float
 ) -> tuple[float, float]:
     """
-    Return torque and damping as `pd_law` does, with all at the end, linear about a predicted end.
+    Return torque and damping as `pd_law` does, with all at the end, of which a part is known.
 
-    Parameters
-    ----------
-    dt : float
-        Time over which the rate acts on the angle [s].
-    angle, rate : float
-        Predicted angle [rad] and rate [rad/s] at the end.
-    reference : tuple of float
-        Reference angle [rad] and rate [rad/s] at the end.
-    gains : tuple of float
-        As in `pd_law`.
-
+    The angle [rad] is that of the end without what the rate there adds in a time h [s]. The
+    references are those of the end; gains are as in `pd_law`, and `held` acts besides [N m].
     """
     stiffness, damping = gains
-    torque = stiffness * (reference[0] - angle + dt * rate) + damping * reference[1]
-    return torque, damping + stiffness * dt
+    torque = held + stiffness * (reference[0] - angle)
+    return torque + damping * reference[1], damping + stiffness * h
 
 
 class ControlLoop(NamedTuple):
@@ -138,9 +125,10 @@ class ControlMemory(NamedTuple):
     rate: Array  # (n-1, 2) held reference rate [rad/s]
     wait: Array  # (2,) steps to the next reading of the encoders, and of the references
     next: Array  # (1,) the oldest place in the queue, from 1; 0 before the first step
-    queue: Array  # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet
-    late: Array  # (2, n-1, 2) references in effect in this step
-    held_reference: Array  # (2, n-1, 2) references that are held, with rates 0
+    # (delay, 2, n-1, 2) references (angle, rate) that are not in effect yet [rad], [rad/s]
+    queue: Array
+    late: Array  # (2, n-1, 2) references in effect in this step [rad], [rad/s]
+    held_reference: Array  # (2, n-1, 2) those that are held, with rates 0 [rad], [rad/s]
 
 
 def control_periods(robot: Robot) -> dict[str, float]:
@@ -245,18 +233,9 @@ def read_by_controllers(
     """
     Return the references (n-1, 2) in effect in a step, after what the loop reads at its start.
 
-    Parameters
-    ----------
-    loop : ControlLoop
-    memory : ControlMemory
-    dt : float
-        Time step [s].
-    start : tuple of ndarray and float
-        Joint angles and rates, shapes (n-1, 2), and how long after the start of the step they
-        were so [rad], [rad/s], [s].
-    angle, rate : ndarray, shape (n-1, 2)
-        References at the middle of the step [rad], [rad/s].
-
+    `start` are joint angles and rates, shapes (n-1, 2), and how long after the start of the step
+    they were so [rad], [rad/s], [s]. `angle` and `rate`, shape (n-1, 2), are the references at the
+    middle of the step of dt [s].
     """
     if not loop.present:
         return angle, rate
@@ -290,23 +269,9 @@ def held_torque(
     """
     Return what is held on axis k of joint j, and what its controller knows at any time.
 
-    Parameters
-    ----------
-    loop : ControlLoop
-    memory : ControlMemory
-    j, k : int
-    stiffness : float
-        Of the controller [N m/rad].
-    rate : float
-        Reference in effect in the step [rad/s].
-
-    Returns
-    -------
-    torque : float
-        Constant until the next sample or command [N m].
-    stiffness, rate : float
-        Of the spring and of the damper that act all the time.
-
+    From the stiffness [N m/rad] of the controller and the reference rate in effect [rad/s]: the
+    torque that is constant until the next sample or command [N m], and stiffness and rate of the
+    spring and of the damper that act all the time.
     """
     torque = memory.effort[j, k] if len(memory.effort) > 0 else 0.0
     if loop.period > 0:

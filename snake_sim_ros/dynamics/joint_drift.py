@@ -246,20 +246,9 @@ def furthest_angles(
     Fill the least and the largest angle of every axis after a step of the paper [rad].
 
     They are infinite where no stop acts. A stop that is met between the start and the middle of
-    the step acts at the middle.
-
-    Parameters
-    ----------
-    places : JointPlaces
-    stop : ndarray, shape (n-1, 2, 2)
-        Where the stops of (yaw, pitch) are: least and largest angles [rad].
-    q : ndarray, shape (n, 7)
-        Coordinates at the start of the step.
-    mid : ndarray, shape (n-1, 2, 2)
-        Joint x (yaw, pitch) x (angle [rad], rate) at the middle of the step.
-    furthest : ndarray, shape (n-1, 2, 2)
-        Filled.
-
+    the step acts at the middle. `stop` and `furthest`, shape (n-1, 2, 2), have the least and the
+    largest angles of (yaw, pitch). q, shape (n, 7), is that at the start of the step, and `mid`,
+    shape (n-1, 2, 2), is joint x (yaw, pitch) x (angle [rad], rate) at its middle.
     """
     for j in range(len(furthest)):
         for k in range(2):

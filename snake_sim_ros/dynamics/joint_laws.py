@@ -25,12 +25,11 @@ P is that of the solution before, so that what is left of w - v vanishes with th
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Table
-from snake_sim_ros.dynamics.joint_drift import furthest_angles
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
@@ -58,20 +57,22 @@ class JointLaws(NamedTuple):
 
 
 class AxisLaws(NamedTuple):
-    """The laws of the axes in a part of a step, in impulses; arrays of shape (n-1, 2)."""
+    """The laws of the axes (yaw, pitch) in a part of a step, in impulses."""
 
-    torque: Array  # c, impulse of the controller without its implicit part [N m s]
-    damping: Array  # R [N m s^2]
-    limit: Array  # L [N m s]
-    friction: Array  # F [N m s]
-    viscous: Array  # V [N m s^2]
-    low: Array  # bounds of the rate [rad/s]
-    high: Array
-    rate: Array  # w, of the last solution [rad/s]
-    cut: Array  # sign of the limit that the controller is at; 0: it follows
-    slip: Array  # sign of the rate against which friction acts; 0: it does not, or it holds
-    held: Array  # sign of the bound that holds the rate; 0: none does
-    furthest: Array  # (n-1, 2, 2) see `joint_drift.furthest_angles`; empty without stops
+    torque: Array  # (n-1, 2) c, impulse of the controller without its implicit part [N m s]
+    damping: Array  # (n-1, 2) R, impulse of the controller per rate [N m s^2]
+    limit: Array  # (n-1, 2) L, largest impulse of the controller [N m s]
+    friction: Array  # (n-1, 2) F, impulse of dry friction [N m s]
+    viscous: Array  # (n-1, 2) V, impulse of viscous friction per rate [N m s^2]
+    low: Array  # (n-1, 2) least rate [rad/s]
+    high: Array  # (n-1, 2) largest rate [rad/s]
+    rate: Array  # (n-1, 2) w, of the last solution [rad/s]
+    cut: Array  # (n-1, 2) sign of the limit that the controller is at; 0: it follows
+    # (n-1, 2) sign of the rate against which friction acts; 0: it does not, or it holds
+    slip: Array
+    held: Array  # (n-1, 2) sign of the bound that holds the rate; 0: none does
+    # (n-1, 2, 2) see `joint_drift.furthest_angles` [rad]; empty without stops
+    furthest: Array
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -280,16 +281,8 @@ def begin_axis_impact(
     Return torque and damping of axis k of joint j in an impact after a part of a step.
 
     The impulses of controller and friction stay what they are; a stop that was reached holds.
-
-    Parameters
-    ----------
-    laws : JointLaws
-    axes : AxisLaws
-        Its rate is that of the part; the rest is replaced.
-    j, k : int
-    torque, damping : float
-        Those of the solution of the part [N m s], [N m s^2].
-
+    `torque` and `damping` are those of the solution of the part [N m s], [N m s^2], and so is the
+    rate in `axes`, of which the rest is replaced.
     """
     w = axes.rate[j, k]
     low, high = is_low(laws, axes, j, k), is_high(laws, axes, j, k)
@@ -307,68 +300,78 @@ def begin_axis_impact(
 
 @inlined
 def begin_joint_laws(
-    robot: Any, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array], q: Array
+    laws: JointLaws, axes: AxisLaws, dt: float, mid: Array, loads: tuple[Array, Array]
 ) -> None:
     """
-    Begin a step of the paper of dt [s] with the laws of the joints.
+    Begin a step of the paper of dt [s] with the laws of m axes a joint: both, or yaw.
 
-    Parameters
-    ----------
-    robot : mechanism.Mechanism
-        Laws and places of its joints.
-    axes : AxisLaws
-        Filled.
-    dt : float
-        [s]
-    mid : ndarray, shape (n-1, 2, 2)
-        Joint x (yaw, pitch) x (angle [rad], rate [rad/s]) at the middle of the step.
-    loads : tuple of ndarray, shape (n-1, 2)
-        As `balance.control_impulses` fills them; replaced.
-    q : ndarray, shape (n, 7)
-        Coordinates at the start of the step.
-
+    `mid`, shape (n-1, m, 2 or more), are angles [rad] and rates [rad/s] at the middle. `loads`,
+    shape (n-1, m), are torques and dampings of the controllers [N m s], [N m s^2]; replaced.
     """
-    (torque, damping), laws = loads, robot.joint_laws
-    for j in range(len(axes.rate)):
-        for k in range(2):
+    torque, damping = loads
+    for j in range(len(mid)):
+        for k in range(mid.shape[1]):
             begin_axis(laws, axes, dt, j, k, (torque[j, k], damping[j, k], mid[j, k, 1]))
             stop_at_middle(laws, axes, j, k, mid[j, k, 0])
             torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
-    if laws.has_stops:
-        furthest_angles(robot.places, laws.stop, q, mid, axes.furthest)
+
+
+@inlined
+def begin_predicted_laws(
+    laws: JointLaws,
+    axes: AxisLaws,
+    times: tuple[float, float],
+    way: tuple[Array, Array],
+    rate: Array,
+    loads: tuple[Array, Array],
+) -> None:
+    """
+    Begin a part of a step of `bdf2` with the laws of m axes a joint: both, or yaw.
+
+    `times` are h and h_q, for which forces act on rates, and rates on angles [s]. `way`, shape
+    (n-1, m) each, are angles at the start, and at the end without the rates of the end [rad], and
+    `rate`, shape (n-1, m), predicted rates [rad/s]. `loads` are as of `begin_joint_laws`.
+    """
+    (h, h_q), (start, hat), (torque, damping) = times, way, loads
+    for j in range(len(rate)):
+        for k in range(rate.shape[1]):
+            begin_axis(laws, axes, h, j, k, (torque[j, k], damping[j, k], rate[j, k]))
+            if laws.has_stops:
+                stop_at_end(laws, axes, j, k, (start[j, k], hat[j, k]), h_q)
+            torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
 
 
 class Trial(NamedTuple):
     """A solution of the contacts with parts of the laws of the joints that may not hold."""
 
-    outcome: Any  # `contact.problem.Outcome`
+    iterations: int  # of the contact solver
+    converged: bool  # whether its residual is within the tolerance
     attempt: int  # number of the solution in its step, from 0
     left: int  # iterations that it was allowed to take
 
 
+class Counts(Protocol):
+    """What the laws count in the report of the steps."""
+
+    iterations: int  # of the contact solver
+    unconverged: int  # steps without an end
+
+
 @inlined
 def joint_laws_change(
-    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Table
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Counts
 ) -> bool:
     """
     Fill torques and dampings of the next solution; return whether there is one.
 
-    Parameters
-    ----------
-    laws : JointLaws
-    axes : AxisLaws
-        Its rates are those of the last solution.
-    loads : tuple of ndarray, shape (n-1, 2) or (n-1, 1)
-        Torques and dampings of the last solution [N m s], [N m s^2], of both axes or of yaw.
-    trial : Trial
-        The last solution. If it took all iterations that were left, there is no other one.
-    report : record
-        It counts the iterations of all solutions but the last one, and a step without an end.
-
+    The rates in `axes` are those of the last solution, `trial`. If it took all iterations that
+    were left, there is no other one. `loads`, shape (n-1, m), are its torques and dampings
+    [N m s], [N m s^2], of both axes or of yaw. The report counts the iterations of all solutions
+    but the last one, and a step without an end.
     """
     misses = moves = False
-    (torque, damping), (outcome, attempt, left) = loads, trial
-    is_last = attempt + 1 == MOST_CHANGES or outcome.iterations >= left
+    (torque, damping), (iterations, converged, attempt, left) = loads, trial
+    is_last = attempt + 1 == MOST_CHANGES or iterations >= left
     for j in range(len(torque)):
         for k in range(torque.shape[1]):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
@@ -384,8 +387,8 @@ def joint_laws_change(
                 else:
                     axes.cut[j, k], axes.slip[j, k], axes.held[j, k] = cut, slip, held
     if misses and is_last:
-        report.unconverged += outcome.converged
+        report.unconverged += converged
         return False
     if misses:
-        report.iterations += outcome.iterations
+        report.iterations += iterations
     return misses

@@ -34,8 +34,8 @@ STILL_SPEED = 1e-3  # largest vertical and rolling speed of a robot that lies st
 class JointFrames(NamedTuple):
     """The frames of the joints in I, those in the link before and those in the link after."""
 
-    inner: Array  # (n-1, 3, 3)
-    outer: Array  # (n-1, 3, 3)
+    inner: Array  # (n-1, 3, 3) columns e_x, e_y, e_z in axes of I; yaw is about this e_y
+    outer: Array  # (n-1, 3, 3) the same; pitch is about this e_x
 
 
 def make_joint_frames(places: JointPlaces, R: Array) -> JointFrames:

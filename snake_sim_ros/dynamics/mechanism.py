@@ -22,12 +22,12 @@ class Mechanism(NamedTuple):
     inertia_axial: Array  # (n,) about e_z [kg m^2]
     slender: bool  # whether this is all of the inertia
     uneven: Array  # (n, 3, 3) what the inertia of a link has besides, in its frame [kg m^2]
-    spheres: Spheres
-    capsules: Capsules
+    spheres: Spheres  # of the links, which touch the ground and each other
+    capsules: Capsules  # of the links, which touch pegs
     stiffness: Array  # (n-1, 2) of the joints (yaw, pitch) [N m/rad]
     damping: Array  # (n-1, 2) [N m s/rad]
     joint_laws: JointLaws  # of all axes
-    control: ControlLoop
+    control: ControlLoop  # around the controllers of the joints
     pd_scheme: int  # index in PD_SCHEMES
     gravity: Array  # (3,) in I [m/s^2]
 

@@ -259,9 +259,9 @@ class Loop:
     Parameters
     ----------
     func : callable
-        Compiled ``advance(first, model, work, steps)``.
+        Compiled ``advance(first, model, work, steps)``, as `stepping.steps.advance`.
     first : NamedTuple
-        A contact solver of `moreau.advance_moreau`, or the arrays of `bdf2.advance_bdf2`.
+        The integrator: its type chooses the step.
 
     """
 

@@ -10,7 +10,8 @@ a positive psi if link 1 goes ahead, because yaw angles count from the head to t
 
 A sidewinding robot rolls its track over the floor, like a cylinder; where the amplitude is larger
 along the body it rolls farther, like a cone: conical sidewinding of Gong, Hatton, Choset, ICRA
-2012. A gradient gamma of both waves turns it by ``Theta gamma`` a cycle.
+2012. A gradient gamma of both waves turns it by ``Theta gamma`` a cycle; of the gait of case C the
+turn is known better, see `sidewinding_turns`.
 
 Contacts slip, so neither relation is exact. In simulated lateral undulation (case A) a robot that
 is asked for 0.05 to 0.4 m/s straight ahead reaches this speed within 1.2 %. On a path of curvature
@@ -22,8 +23,9 @@ from dataclasses import dataclass, replace
 import math
 
 from snake_sim_ros.gaits.blending import largest_frequency, narrowest_limits
+from snake_sim_ros.gaits.sidewinding_turns import gradient_of_turn, is_measured
 from snake_sim_ros.scene.gait import AXES, Gait, Table, Wave
-from snake_sim_ros.scene.parameters import Robot
+from snake_sim_ros.scene.parameters import Friction, Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
 STEEPEST = 0.8  # largest gradient of a steered gait
@@ -39,9 +41,10 @@ class Stride:
     length: float  # distance by which it moves the robot [m]
     bearing: float = 0.0  # direction in which it moves, from the heading to the left [rad]
     turn: float = 0.0  # angle by which a gradient of 1 turns it [rad]; 0: an offset turns it
+    friction: float = 0.0  # coefficient with which `sidewinding_turns` is known; 0: it is not
 
     @classmethod
-    def of(cls, gait: Gait) -> 'Stride':
+    def of(cls, gait: Gait, friction: Friction) -> 'Stride':
         """
         Return the stride of a gait of Aiko: lateral undulation or sidewinding of cases A and C.
 
@@ -51,7 +54,10 @@ class Stride:
         if not (pitch.amplitude and pitch.angular_frequency == yaw.angular_frequency):
             return cls(LATERAL)
         side = math.copysign(1.0, math.sin(pitch.phase - yaw.phase))
-        return cls(SIDEWAYS, side * math.pi / 2, side * TURN)
+        mirrored = replace(gait, pitch=replace(pitch, phase=side * pitch.phase))
+        known = math.sqrt(friction.longitudinal * friction.transversal)
+        measured = known if is_measured(mirrored) else 0.0
+        return cls(SIDEWAYS, side * math.pi / 2, side * TURN, measured)
 
     def speed(self, gait: Gait) -> float:
         """Return the speed at which a gait moves the robot [m/s]."""
@@ -140,7 +146,11 @@ class Steering:
         self, gait: Gait, robot: Robot, stride: Stride, remarks: dict[str, str]
     ) -> tuple[Wave, Wave]:
         """Return the waves of a gait that turns by a gradient, within the limits of the joints."""
-        wanted = self.turning * stride.length / (self.speed * stride.turn)
+        turn = self.turning * stride.length / self.speed  # a cycle
+        wanted = turn / stride.turn
+        if stride.friction and self.speed > 0.0:
+            side = stride.turn / TURN
+            wanted = gradient_of_turn(side * turn, self.speed, stride.friction)
         gradient = min(max(wanted, -STEEPEST), STEEPEST)
         if gradient != wanted:
             remarks['gradient'] = (

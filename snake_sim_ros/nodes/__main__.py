@@ -14,7 +14,7 @@ import sys
 from snake_sim_ros.nodes.programs import missing_ros, on_signals
 
 # MB of addresses with which the nodes start; with 1000, 300 and 600 they abort, or wait.
-NEEDED = {'sim': 1500, 'gait': 600, 'follow': 600, 'viewer': 1000}
+NEEDED = {'sim': 1500, 'gait': 600, 'control': 600, 'follow': 600, 'viewer': 1000}
 
 
 def sim() -> int:
@@ -25,6 +25,11 @@ def sim() -> int:
 def gait() -> int:
     """Run the node that commands a robot."""
     return _run('gait')
+
+
+def control() -> int:
+    """Run the node that moves a robot by a controller."""
+    return _run('control')
 
 
 def follow() -> int:

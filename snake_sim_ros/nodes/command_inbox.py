@@ -114,7 +114,7 @@ class CommandInbox:
         node.create_subscription(
             JointState,
             'joint_command',
-            partial(self._on_command, 'joint_command', joint_command),
+            partial(self._on_command, 'joint_command', self._read),
             LATEST,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -243,6 +243,11 @@ class CommandInbox:
         stamp = seconds_from(message.header.stamp) if hasattr(message, 'header') else 0.0
         if not 0.0 < stamp <= self._void or not self.settings.publish_clock:
             self._when_open(topic, type(message), lambda: self._command_with(topic, read, message))
+
+    def _read(
+        self, message: JointState, last: JointReference, robot: Robot, now: float
+    ) -> ReceivedCommand:
+        return joint_command(message, last, robot, now, self.settings.command_horizon)
 
     def _on_trajectory(self, data: bytes) -> None:
         def read() -> ReceivedTrajectory:

@@ -29,13 +29,13 @@ from snake_sim_ros.controllers.following import LineOfSight, speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.gait_inputs import link_poses
 from snake_sim_ros.nodes.messages import LATCHED, ODOM, WORLD
 from snake_sim_ros.nodes.node_parameters import parameter_fields, ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
-from snake_sim_ros.recording.from_messages import poses
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity, quoted
 from snake_sim_ros.scene.following import Following, points_of
-from snake_sim_ros.scene.parameters import Array, Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 
 STOPPED = Steering(0.0, 0.0)
 FIXED = ('points', 'closed', 'center', 'radius', 'period')  # as long as the node runs
@@ -85,25 +85,6 @@ def path_from(message: PathMessage, closed: bool) -> PlanarPath | None:
     return PlanarPath.spline(points_of('poses', [(at.x, at.y) for at in places]), closed=closed)
 
 
-def link_places(message: PoseArray, robot: Robot) -> Array:
-    """
-    Return the centers of all links, (n, 3) [m].
-
-    Raises
-    ------
-    ParameterError
-        If there is not one for each link, or a number is not finite.
-
-    """
-    place, _ = poses(message, robot)
-    if len(place) != robot.link_count:
-        raise ParameterError(f'must be the {robot.link_count} links, got {len(place)} poses')
-    if not np.isfinite(place).all():
-        link = int(np.argmin(np.isfinite(place).all(axis=1)))
-        raise ParameterError(f'must be finite, got {place[link].tolist()} of link {link + 1}')
-    return place
-
-
 class FollowNode(Node):
     """Publishes the velocity that leads the robot along its path."""
 
@@ -144,7 +125,7 @@ class FollowNode(Node):
     def _follow(self, path: PlanarPath | None) -> None:
         """Follow another path from here on, or none."""
         following, gait = self.scene.follow, self.scene.gait
-        stride = Stride.of(gait)
+        stride = Stride.of(gait, self.scene.friction)
         speed = speed_along(following, gait, stride)
         self.path = path
         self.guidance = LineOfSight(following, path, stride, speed) if path else None
@@ -234,7 +215,7 @@ class FollowNode(Node):
 
     def _on_poses(self, message: PoseArray) -> None:
         try:
-            self.places = link_places(message, self.scene.robot)
+            self.places, _ = link_poses(message, self.scene.robot)
         except ParameterError as error:
             self.warn('poses', f'link_poses: {error}')
             return

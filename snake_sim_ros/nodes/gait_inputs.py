@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the node `gait` hears: its clock, the joint angles to start from, and velocity commands.
+What nodes that move a robot hear: a clock, joint angles, poses, and velocity commands.
 
 A gait that starts, or starts over, waits for joint angles that hold now, but not forever. Angles
 that change faster than joints can move are those of a robot that was put back.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import math
 import time
 
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseArray, Twist, TwistStamped
 import numpy as np
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -23,6 +23,8 @@ from sensor_msgs.msg import JointState
 from snake_sim_ros.gaits.steering import Steering
 from snake_sim_ros.nodes.executors import ThrottledWarnings
 from snake_sim_ros.nodes.messages import EPOCH
+from snake_sim_ros.recording.from_messages import poses
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Robot
 
 # ---- jumps --------------------------------------------------------------------------------------
@@ -173,10 +175,11 @@ SAME = 0.01  # rad between two angles that count as the same
 
 @dataclass(frozen=True)
 class Measured:
-    """Joint angles [rad] and, if known, rates [rad/s], shape (2 (n-1),), and their time [ns]."""
+    """Angles [rad], rates [rad/s] and torques [N m] of joints, (axes,), and their time [ns]."""
 
     angle: Array
-    rate: Array
+    rate: Array  # 0 if it is not known, as the torque
+    torque: Array
     stamp: int
     arrived: float  # s on the monotonic clock
 
@@ -213,10 +216,14 @@ def measured(message: JointState, names: Sequence[str]) -> Measured:
         raise ValueError(
             f'must have angles within +-3.1416 rad, got {angle[worst]:.4g} for {names[worst]}'
         )
-    known = len(message.velocity) == len(given)
-    rate = np.array(message.velocity)[order] if known else np.zeros(len(names))
+    rate, torque = (
+        np.nan_to_num(np.array(values)[order])
+        if len(values) == len(given)
+        else np.zeros(len(names))
+        for values in (message.velocity, message.effort)
+    )
     stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-    return Measured(angle, rate, stamp, time.monotonic())
+    return Measured(angle, rate, torque, stamp, time.monotonic())
 
 
 def put_back(before: Measured, after: Measured, rate_limit: float | Array) -> bool:
@@ -265,6 +272,11 @@ class MeasuredStart:
         # The newest message counts, and whoever publishes at whatever reliability is heard.
         quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         node.create_subscription(JointState, 'joint_states', self._on_joint_states, quality)
+
+    @property
+    def last(self) -> Measured | None:
+        """What the joints said last."""
+        return self._last
 
     def was_put_back(self) -> bool:
         """Return whether the robot was put back since the last call."""
@@ -333,6 +345,30 @@ class MeasuredStart:
         if last and put_back(last, new, self._limits.rate):
             self._put_back = True
             self._jumps.add(of_time=False)
+
+
+# ---- poses --------------------------------------------------------------------------------------
+
+
+def link_poses(message: PoseArray, robot: Robot) -> tuple[Array, Array]:
+    """
+    Return centers (n, 3) [m] and Euler parameters (n, 4) of all links, as `poses` does.
+
+    Raises
+    ------
+    ParameterError
+        If there is not one for each link, or a number is not finite.
+
+    """
+    place, orientation = poses(message, robot)
+    if len(place) != robot.link_count:
+        raise ParameterError(f'must be the {robot.link_count} links, got {len(place)} poses')
+    known = np.isfinite(np.hstack([place, orientation])).all(axis=1)
+    if not known.all():
+        link = int(np.argmin(known))
+        got = (place if not np.isfinite(place[link]).all() else orientation)[link].tolist()
+        raise ParameterError(f'must be finite, got {got} of link {link + 1}')
+    return place, orientation
 
 
 # ---- velocity commands --------------------------------------------------------------------------

@@ -117,7 +117,7 @@ class GaitNode(Node):
         )
         ParameterRequests(self)
         self.settings, scene = settle(self, Settings, OF_SCENE, (*CHANGEABLE, *GAIT))
-        self.gait, self.robot = scene.gait, scene.robot
+        self.gait, self.robot, self.friction = scene.gait, scene.robot, scene.friction
         self._check_start()
         self._describe_ranges()
         self.add_pre_set_parameters_callback(self._with_gait_of_scene)
@@ -207,7 +207,7 @@ class GaitNode(Node):
         """Set the gait that follows from the parameters and the last cmd_vel as the target."""
         self.target = self.gait
         if self.steering:
-            stride = Stride.of(self.gait)
+            stride = Stride.of(self.gait, self.friction)
             stride = replace(stride, length=self.settings.stride or stride.length)
             self.target, remarks = self.steering.gait(self.gait, self.robot, stride)
             for kind, sentence in remarks.items():

@@ -35,6 +35,7 @@ S = TypeVar('S')
 
 # Parameters that rclpy declares itself.
 OF_RCLPY = ('use_sim_time', 'start_type_description_service')
+CONTROLLER = 'controller.'  # names of what only a controller knows
 TABLE = 'gait.table.'  # names of what is too large for parameters; a scene names its file
 
 
@@ -126,12 +127,16 @@ def settle(
     names = [name for name in parameter_fields(scene) if name.startswith(of_scene)]
     known = {*flat_fields(settings), *names}
     for name in given:
-        if name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
+        if name.startswith(CONTROLLER) and CONTROLLER.startswith(of_scene):
+            names += [] if name in names else [name]
+        elif name not in known and name not in OF_RCLPY and not name.startswith('qos_overrides.'):
             raise ParameterError(
                 f'unknown parameter {quoted(name)}; {nearest(name, sorted(known))}'
             )
     fields = flat_fields(scene)
-    values = {name: _read(given[name], fields[name][0]) for name in names if name in given}
+    values = {
+        name: _read(given[name], fields.get(name, [''])[0]) for name in names if name in given
+    }
     scene = with_settings(scene, values)
     if complete:
         scene = complete(settings, scene, given)

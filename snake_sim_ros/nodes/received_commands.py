@@ -63,16 +63,18 @@ class ReceivedTrajectory(ReceivedCommand):
 
 
 def joint_command(
-    message: JointState, last: JointReference, robot: Robot, now: float
+    message: JointState, last: JointReference, robot: Robot, now: float, horizon: float
 ) -> ReceivedCommand:
     """
     Take a command for some joints; the other joints keep their reference.
 
+    Velocities without positions move the joints on from where their references are.
+
     Parameters
     ----------
     message : JointState
-        Joint names with positions [rad] and, optionally, velocities [rad/s] and, for a robot with
-        effort_commands, efforts [N m], which may be without positions. Its stamp is the time at
+        Joint names with positions [rad], velocities [rad/s] or both, and, for a robot with
+        effort_commands, efforts [N m], which may be without them. Its stamp is the time at
         which the positions hold. A stamp of zero means now; so does a stamp in the future, such
         as any stamp of a wall clock.
     last : JointReference
@@ -80,6 +82,8 @@ def joint_command(
     robot : Robot
     now : float
         Simulated time [s].
+    horizon : float
+        Time for which the reference before is extrapolated [s].
 
     Raises
     ------
@@ -93,7 +97,8 @@ def joint_command(
     effort = _efforts(message, names, axes, robot) if robot.effort_commands else None
     if effort and not message.position and not message.velocity:
         return ReceivedCommand(last, effort=effort)
-    if len(message.position) != count:
+    moves_on = message.velocity and not message.position
+    if len(message.position) != count and not moves_on:
         raise RejectedCommand(
             'length',
             f'{topic} must have one position a name: got {len(message.position)} positions for '
@@ -105,15 +110,17 @@ def joint_command(
             f'{topic} must have no velocity or one a name: got {len(message.velocity)} velocities '
             f'for {count} names',
         )
-    position = np.array(message.position)
     velocity = np.array(message.velocity) if message.velocity else np.zeros(count)
-    check_finite(topic, 'position', names, position)
-    limits = robot.limits_of_axes(axes)
+    check_finite(topic, 'position', names, np.array(message.position))
+    limits, signs = robot.limits_of_axes(axes), robot.place_signs[axes]
     check_rates(topic, names, velocity, limits)
 
     stamp = _stamp(topic, message, last, axes, now)
+    if moves_on:
+        position = signs * last.sample(np.array([stamp]), horizon, robot.limits)[0].flat[axes]
+    else:
+        position = np.array(message.position)
     position, clamped = clamped_to(topic, names, position, limits)
-    signs = robot.place_signs[axes]
     reference = last.commanded(axes, stamp, signs * position, signs * velocity)
     return ReceivedCommand(reference, clamped, effort=effort)
 

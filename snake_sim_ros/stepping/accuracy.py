@@ -35,6 +35,7 @@ LONGEST_STEP, LONGEST_TURN, TURNING_ACCURACY = 1 / 20, 0.047, 1e-2
 PATH_SHARE = 2e-3  # tolerance of the path at accuracy 1, in lengths of a link
 LEAST_SHARE = 1e-9  # least tolerance: below it rounding and events decide, in lengths of a link
 LEAST_STEP = 1 / 40000  # that is chosen; periods with a lesser common divisor are refused [s]
+DIVIDES = 1e-9  # steps in a period that are this much more than an integer are that integer
 FINEST = 10**6  # largest denominator of a period [1/s]
 RESIDUAL = 1e-8  # residual tolerance of the contacts; a larger one saves next to nothing [m/s]
 
@@ -117,7 +118,7 @@ def with_accuracy(
     periods = period if isinstance(period, Mapping) else {'sampling period': period}
     divides = min(periods.values()) if 'dt' in given else common_divisor(scene, periods)
     settings = {
-        'dt': divides / max(1, math.ceil(divides / longest_step(scene, accuracy) - 1e-9)),
+        'dt': divides / max(1, math.ceil(divides / longest_step(scene, accuracy) - DIVIDES)),
         'method': 'bdf2',
         'solver.residual_tolerance': RESIDUAL,
     }

@@ -14,23 +14,22 @@ from snake_sim_ros.contact.admissible import without_gain
 from snake_sim_ros.contact.laws import natural_map
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import line_search, Newton
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
-from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
+from snake_sim_ros.dynamics.compilation import Dispatched, record_type
 from snake_sim_ros.dynamics.records import compile_call, made_type, type_of, type_of_record
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Inputs
-from snake_sim_ros.stepping.bdf2 import step as bdf2
+from snake_sim_ros.stepping.bdf2.motion import Bdf2Arrays
+from snake_sim_ros.stepping.bdf2.step import solve_landing, Terms
 from snake_sim_ros.stepping.methods import make_stepper
-from snake_sim_ros.stepping.planar import moreau as planar_moreau
 from snake_sim_ros.stepping.planar.moreau import yaw_axes_change
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import NO_PUSHES
 from snake_sim_ros.stepping.state import initial_state
-from snake_sim_ros.stepping.steps import make_steps, REPORT, Steps
+from snake_sim_ros.stepping.steps import LoopReport, make_steps, Steps
 
 OUTCOME_TYPE = type_of_record(Outcome(0, False, 0.0, 0.0, False))
-REPORT_TYPE = type_of(np.zeros(1, REPORT)).dtype
+REPORT_TYPE = type_of(np.zeros(1, record_type(LoopReport))).dtype
 
 
 def one_level(scene: Scene, level: str) -> Any:
@@ -47,49 +46,47 @@ def function_counts(scene: Scene, level: str) -> dict[str, int]:
     """
     stepper = one_level(scene, level)
     found: dict[Any, set[Any]] = {}
-    _within(stepper.loop.func, stepper.loop.first, found)
+    integrator = stepper.loop.first
+    _within(stepper.loop.func, {type(integrator), *map(type, integrator)}, found)
     return {function.py_func.__name__: len(inside) for function, inside in found.items()}
 
 
-def _within(name: Any, first: Any, found: dict[Any, set[Any]]) -> set[Any]:
+def _within(name: Any, classes: set[type], found: dict[Any, set[Any]]) -> set[Any]:
     """
     Return the functions that a name leads to, itself included.
 
-    `first` chooses between implementations. What is in any of them is added to `found`.
+    `classes` choose between implementations. What is in any of them is added to `found`.
     """
     if isinstance(name, Dispatched):
         known = name.implementations
-        chosen = [known[type(first)]] if type(first) in known else known.values()
-        return set().union(*(_within(function, first, found) for function in chosen))
+        chosen = [known[cls] for cls in classes if cls in known] or known.values()
+        return set().union(*(_within(function, classes, found) for function in chosen))
     if not hasattr(name, 'py_func'):
         return set()
     if name not in found:
         function = name.py_func
         found[name] = {name}  # an attribute may have the name of a function
         for called in function.__code__.co_names:
-            found[name] |= _within(function.__globals__.get(called), first, found)
+            found[name] |= _within(function.__globals__.get(called), classes, found)
     return found[name]
 
 
 def compile_solver(scene: Scene, level: str) -> None:
     """Compile the contact solver as the steps of a level call it."""
     stepper = one_level(scene, level)
-    function, first, work = stepper.loop.func, stepper.loop.first, type_of(stepper.work)
-    model, history = (
-        type_of(stepper.model),
-        type_of_record(stepper.empty._replace(control=None, memory=None)),
-    )
-    if function is moreau.advance_moreau:
-        whole = type_of(stepper.empty)
-        compile_call(solve_contacts, type_of(first), _problem(stepper), whole, type_of(1))
-    elif function is bdf2.advance_bdf2:
-        terms = type_of_record(bdf2.Terms(0.0, 0.0, 0.0, 0))
+    integrator, model, work = stepper.loop.first, type_of(stepper.model), type_of(stepper.work)
+    history = type_of_record(ContactHistory(*stepper.empty[:3]))
+    if isinstance(integrator, Bdf2Arrays):
+        terms = type_of_record(Terms(0.0, 0.0, 0.0, 0))
         rest = _problem(stepper), terms, type_of(_steps(scene, stepper))
-        compile_call(bdf2.solve_landing, model, type_of(first), work, *rest)
-    else:
-        is_moreau = function is planar_moreau.advance_in_plane
-        solver, closed = type_of(first if is_moreau else first.solver), _contacts(stepper)[1]
+        compile_call(solve_landing, model, type_of(integrator), work, *rest)
+        return
+    solver = type_of(integrator.solver)
+    if level == 'planar':
+        closed = _contacts(stepper)[1]
         compile_call(solve_in_plane, solver, model, work, closed, history, type_of(1))
+    else:
+        compile_call(solve_contacts, solver, _problem(stepper), history, type_of(1))
 
 
 def _steps(scene: Scene, stepper: Any) -> Steps:
@@ -109,18 +106,21 @@ def _contacts(stepper: Any) -> list[Any]:
 
 def _problem(stepper: Any) -> Any:
     """Return the type of the contact problem of the steps in space."""
-    return made_type(Problem, *_contacts(stepper), type_of(stepper.work.chain))
+    return made_type(
+        Problem, *_contacts(stepper), type_of(stepper.work.chain), type_of(stepper.work.pairs)
+    )
 
 
 def compile_search(scene: Scene, level: str) -> None:
     """Compile what the other process reaches last: parts of Newton's method, laws of joints."""
     stepper = one_level(scene, level)
-    contacts, first = _contacts(stepper), stepper.loop.first
+    contacts, integrator = _contacts(stepper), stepper.loop.first
     if level == 'planar':
         step = type_of(stepper.model), type_of(stepper.work), OUTCOME_TYPE, type_of(1), type_of(1)
         compile_call(yaw_axes_change, *step, REPORT_TYPE)
-    elif stepper.loop.func is bdf2.advance_bdf2 or isinstance(first, Newton):
-        operator = first.operator if isinstance(first, Newton) else stepper.work.operator
+    elif isinstance(integrator, Bdf2Arrays) or isinstance(integrator.solver, Newton):
+        is_bdf2 = isinstance(integrator, Bdf2Arrays)
+        operator = stepper.work.operator if is_bdf2 else integrator.solver.operator
         compile_call(linear_step, _problem(stepper), type_of(operator), type_of(True))
         compile_call(without_gain, _problem(stepper), OUTCOME_TYPE)
     compile_call(natural_map, *contacts, type_of(stepper.model.laws.residual_tolerance))
@@ -133,7 +133,4 @@ def compile_loop(scene: Scene, level: str) -> None:
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     inputs = Inputs(none, none, stepper.no_samples, NO_PUSHES)
     now = initial_state(scene), stepper.empty_history(), inputs
-    if level == 'planar':
-        stepper.take_steps(*now, goes_on=False)
-    else:
-        stepper.take_steps(*now)
+    stepper.take_steps(*now)

@@ -10,7 +10,7 @@ the report and raises no error. Only misuse raises one.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +18,11 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import History, State
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.loops import StepsInPlace
+    from snake_sim_ros.stepping.planar.stepper import PlanarStepper
+    from snake_sim_ros.stepping.spatial import SpatialStepper
 
 
 class Status(Enum):
@@ -127,31 +132,13 @@ def divergence(link: int, turn: float, dt: float) -> str:
     )
 
 
-class InPlace(Protocol):
-    """Calls that continue a run in place; see `steps.StepsInPlace`."""
-
-    steps: Any  # the `steps.Steps`, which change in place
-
-    @property
-    def state(self) -> State: ...  # noqa: D102
-
-    @property
-    def history(self) -> History: ...  # noqa: D102
-
-    def take(  # noqa: D102
-        self, angle: Array, rate: Array, pushes: PushTable
-    ) -> Report | None: ...
-
-    def prepare(self) -> None: ...  # noqa: D102
-
-
 class Inputs(NamedTuple):
     """What steps take beside state and history, checked; see `Stepper.advance`."""
 
     angle: Array  # (m, n-1, 2) joint references [rad]
     rate: Array  # (m, n-1, 2) [rad/s]
-    samples: Samples
-    pushes: PushTable
+    samples: Samples  # that the steps fill
+    pushes: PushTable  # in these steps
 
 
 class Stepper(Protocol):
@@ -220,7 +207,7 @@ class Stepper(Protocol):
 
     def in_place(
         self, count: int, state: State, history: History, pushes: PushTable
-    ) -> InPlace | None:
+    ) -> 'StepsInPlace | None':
         """Return calls of some steps that continue the last one; None if there are none."""
         ...
 
@@ -251,8 +238,8 @@ class Method:
 
     """
 
-    spatial: Callable[[Scene], Any]
-    planar: Callable[[Scene], Any] | None
+    spatial: Callable[[Scene], 'SpatialStepper']
+    planar: Callable[[Scene], 'PlanarStepper'] | None
     where_impulses_acted: Callable[[Scene, Array, Array], Array]
     what_is_not_possible: Callable[[Scene], str] = _everything
     planar_pegs: bool = False

@@ -11,7 +11,7 @@ the same state and the same contacts: pose, velocities and impulses are carried 
 """
 
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,13 +22,14 @@ from snake_sim_ros.scene.parameters import Array, Robot, Scene
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Method, Report, Stepper
+from snake_sim_ros.stepping.loops import LoopStepper, NO_PITCH, PITCH, PITCH_ROUNDING, StepsInPlace
 from snake_sim_ros.stepping.planar.model import forget, PlanarMemory
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import checked, Samples
 from snake_sim_ros.stepping.spatial import SpatialStepper
-from snake_sim_ros.stepping.state import copied, History, is_finite, Returned, State
-from snake_sim_ros.stepping.steps import NO_PITCH, PITCH, PITCH_ROUNDING, Steps, StepsInPlace
+from snake_sim_ros.stepping.state import copied, History, is_finite, Memory, Returned, State
+from snake_sim_ros.stepping.steps import Steps
 
 AUTO_ROLL = 3e-4  # largest roll that `auto` neglects [rad]
 AUTO_SLIP_SHARE = 2e-3  # largest slip by rolling that `auto` neglects, as a share of the way
@@ -184,13 +185,13 @@ def what_does_not_lie(scene: Scene, state: State) -> str:
 class LevelMemory(NamedTuple):
     """The memories of both levels; only that of the level which took the last step is filled."""
 
-    planar: PlanarMemory
-    spatial: Any  # NamedTuple of arrays, or None
+    planar: PlanarMemory  # with slip and way, which stay
+    spatial: Memory | None  # None: the method keeps nothing
 
     def last_span(self) -> float:
         """Return the time for which the last impulses acted [s], 0 before the first step."""
-        memory = self.planar if self.planar.known[0] else self.spatial
-        return float(memory.last_span()) if memory else 0.0
+        memory: Memory | None = self.planar if self.planar.known[0] else self.spatial
+        return memory.last_span() if memory else 0.0
 
 
 class LevelStepper:
@@ -252,27 +253,27 @@ class LevelStepper:
         while start < len(vertical) and not report.failure:
             changes = vertical[start:] != vertical[start]
             part = slice(start, start + int(changes.argmax()) if changes.any() else None)
-            reason, goes_on = '', False
+            reason = ''
             if vertical[start]:
                 given = angle[start], rate[start]
                 reason = what_is_commanded(self.scene.robot, *given, pushes.after(start))
             elif history.settling[0] <= 0:
-                goes_on = self.planar.goes_on(state, history.memory.planar)
-                reason = '' if goes_on else what_does_not_lie(self.scene, state)
+                reason = self.why_not_flat(state, history.memory.planar)
             if reason:
                 history.settling[0] = max(history.settling[0], self.settle_steps)
                 self.reason = reason
-            stepper = self.planar if history.settling[0] <= 0 else self.spatial
+            is_planar = history.settling[0] <= 0
+            stepper: LoopStepper = self.planar if is_planar else self.spatial
             pause = max(0, int(history.settling[0]) - self.settle_steps)
-            if stepper is self.spatial:
+            if not is_planar:
                 if history.memory.planar.known[0]:
                     forget(history.memory.planar)
-                stepper.watch(0 if vertical[start] or pause else self.settle_steps)
+                self.spatial.watch(0 if vertical[start] or pause else self.settle_steps)
                 if pause:
                     part = slice(start, min(start + pause, part.stop or len(vertical)))
             self.prepare(stepper.level, state)
             inputs = Inputs(angle[part], rate[part], samples.after(start), pushes.after(start))
-            state, history, news = self.take_steps(stepper, state, history, inputs, goes_on)
+            state, history, news = self.take_steps(stepper, state, history, inputs)
             history.settling[0] -= min(pause, news.steps)
             if news.left:
                 if not is_finite(history):
@@ -280,7 +281,7 @@ class LevelStepper:
                 pause = self.pause_steps if self.planar.slips or self.planar.tires else 0
                 history.settling[0], self.reason = self.settle_steps + pause, news.left
                 self.note_leaving(history.memory.planar)
-            news.left = self.reason if stepper is self.spatial else ''
+            news.left = '' if is_planar else self.reason
             self.ticks.append(stepper.cycles[: news.steps + 1])
             report = report + news if report.steps else news
             start += news.steps
@@ -288,34 +289,34 @@ class LevelStepper:
         return state, history, report
 
     def take_steps(
-        self, stepper: Any, state: State, history: History, inputs: Inputs, goes_on: bool
+        self, stepper: LoopStepper, state: State, history: History, inputs: Inputs
     ) -> tuple[State, History, Report]:
         """Advance one level with its own memory, and empty the memory of the other one."""
-        memory, empty = history.memory, self.empty.memory
-        if stepper is self.planar:
-            history, was_planar = history._replace(memory=memory.planar), memory.planar.known[0]
-            state, history, report = stepper.take_steps(state, history, inputs, goes_on)
-            other = memory.spatial if was_planar else copied(empty.spatial)
-            memory = LevelMemory(history.memory, other)
-        else:
-            history = history._replace(memory=memory.spatial)
-            state, history, report = stepper.take_steps(state, history, inputs)
-            memory = LevelMemory(memory.planar, history.memory)
+        memory, level = history.memory, stepper.level
+        if level == 'planar' and not memory.planar.known[0]:
+            memory = memory._replace(spatial=copied(self.empty.memory.spatial))
+        own = history._replace(memory=getattr(memory, level))
+        state, history, report = stepper.take_steps(state, own, inputs)
+        memory = memory._replace(**{level: history.memory})
         return state, history._replace(memory=memory), report
+
+    def why_not_flat(self, state: State, memory: PlanarMemory) -> str:
+        """Return why the planar level does not take a state, as a clause; empty if it does."""
+        return '' if self.planar.goes_on(state, memory) else what_does_not_lie(self.scene, state)
 
     def in_place(
         self, count: int, state: State, history: History, pushes: PushTable
     ) -> StepsInPlace | None:
         """Return steps that continue the last call; None if the level changed in it."""
         memory, is_planar = history.memory, history.settling[0] <= 0
-        if len(self.ticks) > 1 or is_planar != (self.level == 'planar'):
+        level = 'planar' if is_planar else 'spatial'
+        if len(self.ticks) > 1 or level != self.level:
             return None
+        own = history._replace(memory=getattr(memory, level))
         found: StepsInPlace | None
         if is_planar:
-            own = history._replace(memory=memory.planar)
             found = self.planar.in_place(count, state, own, pushes)
         else:
-            own = history._replace(memory=memory.spatial)
             pauses = history.settling[0] > self.settle_steps
             pitch = NO_PITCH if self.spatial.model.settle_steps or pauses else PITCH
             found = self.spatial.in_place(count, state, own, pushes, pitch)
@@ -325,13 +326,11 @@ class LevelStepper:
             return None
         # What a call notes of its steps stays until the next one.
         found.steps.cycles[:] = self.ticks[0]
-        self.ticks = [found.steps.cycles]
         history_of = found.end.history
 
         def whole(steps: Steps) -> History:
             history = history_of(steps)
-            part = {'planar' if is_planar else 'spatial': history.memory}
-            return history._replace(memory=memory._replace(**part))
+            return history._replace(memory=memory._replace(**{level: history.memory}))
 
         found.end, found.left = found.end._replace(history=whole), '' if is_planar else self.reason
         self.ticks = [found.steps.cycles]
@@ -357,18 +356,17 @@ class LevelStepper:
 
     def prepare(self, level: str, state: State) -> None:
         """Compile a level that is not used yet, by a call without steps, and steps in place."""
-        stepper = {'planar': self.planar, 'spatial': self.spatial}[level]
+        stepper: LoopStepper = self.planar if level == 'planar' else self.spatial
         if level not in self.used:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
-            history, samples = self.empty_history(), self.spatial.no_samples
-            if stepper is self.planar:
+            if level == 'planar':
                 self.planar.prepare(state)
             else:
-                own = history._replace(memory=history.memory.spatial)
+                own = self.spatial.empty_history()
                 self.spatial.in_place(1, state, own, NO_PUSHES).prepare()
-            inputs = Inputs(none, none, samples, NO_PUSHES)
-            self.take_steps(stepper, state, history, inputs, goes_on=False)
+            inputs = Inputs(none, none, stepper.no_samples, NO_PUSHES)
+            self.take_steps(stepper, state, self.empty_history(), inputs)
             self.compile_seconds += time.perf_counter() - begin
             self.used.add(level)
 
@@ -433,7 +431,7 @@ class FlatStepper:
     def in_place(
         self, count: int, state: State, history: History, pushes: PushTable
     ) -> StepsInPlace | None:
-        """Return steps that continue from a state and its history; see `steps.StepsInPlace`."""
+        """Return steps that continue from a state and its history; see `StepsInPlace`."""
         return self.planar.in_place(count, state, history, pushes)
 
 

@@ -4,27 +4,30 @@
 
 from collections.abc import Callable, Container, Mapping
 from dataclasses import replace
-from typing import Any
 
 from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.newton import Newton
+from snake_sim_ros.contact.problem import Solver
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.obstacles import contact_count, is_flat
 from snake_sim_ros.scene.parameters import Scene
-from snake_sim_ros.stepping import levels, moreau
+from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY, with_accuracy
 from snake_sim_ros.stepping.base import Method, Stepper
 from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.bdf2.motion import make_arrays, make_memory
-from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2, moreau as planar_moreau
+from snake_sim_ros.stepping.moreau import Moreau, where_impulses_acted
+from snake_sim_ros.stepping.planar import bdf2 as planar_bdf2
+from snake_sim_ros.stepping.planar.moreau import PlanarMoreau
 from snake_sim_ros.stepping.planar.solvers import PlanarNewton, PlanarProxIteration
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.steps import advance
 
-Make = Callable[[Scene], Any]  # a contact solver for a scene
+Make = Callable[[Scene], Solver]  # a contact solver for a scene
 
 
 def paper_method(
@@ -45,16 +48,16 @@ def paper_method(
     """
 
     def spatial(scene: Scene) -> SpatialStepper:
-        return SpatialStepper(scene, Loop(moreau.advance_moreau, solver(scene)))
+        return SpatialStepper(scene, Loop(advance, Moreau(solver(scene))))
 
     def planar(scene: Scene) -> PlanarStepper:
         assert in_plane
-        return PlanarStepper(scene, Loop(planar_moreau.advance_in_plane, in_plane(scene)))
+        return PlanarStepper(scene, Loop(advance, PlanarMoreau(in_plane(scene))))
 
     return Method(
         spatial=spatial,
         planar=planar if in_plane else None,
-        where_impulses_acted=moreau.where_impulses_acted,
+        where_impulses_acted=where_impulses_acted,
         planar_pegs=planar_pegs,
     )
 
@@ -66,14 +69,13 @@ def _small_delassus(scene: Scene) -> Delassus:
 def _spatial_bdf2(scene: Scene) -> SpatialStepper:
     n = scene.robot.link_count
     own = make_arrays(n, contact_count(scene))
-    return SpatialStepper(scene, Loop(bdf2.advance_bdf2, own), make_memory(n))
+    return SpatialStepper(scene, Loop(advance, own), make_memory(n))
 
 
 def _planar_bdf2(scene: Scene) -> PlanarStepper:
     n = scene.robot.link_count
     own = planar_bdf2.make_planar_arrays(n, contact_count(scene))
-    loop = Loop(planar_bdf2.advance_bdf2_in_plane, own)
-    return PlanarStepper(scene, loop, planar_bdf2.make_planar_bdf2_memory(n))
+    return PlanarStepper(scene, Loop(advance, own), planar_bdf2.make_planar_bdf2_memory(n))
 
 
 METHODS: dict[str, Method] = {

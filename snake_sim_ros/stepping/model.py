@@ -8,7 +8,7 @@ import numpy as np
 
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.contacts import Contacts, make_contacts
-from snake_sim_ros.contact.delassus import make_delassus
+from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, Obstacles
 from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
 from snake_sim_ros.contact.linear_problem import Operator
@@ -40,7 +40,7 @@ class Model(NamedTuple):
     Compiled functions of this package take this record as `model`.
     """
 
-    robot: Mechanism
+    robot: Mechanism  # links, joints and controllers
     laws: Laws  # of the contacts
     closed_gap: float  # gap up to which a contact counts as closed [m]
     dt: float  # [s]
@@ -54,18 +54,21 @@ class Model(NamedTuple):
 class Workspace(NamedTuple):
     """Arrays that a step fills; compiled functions of this package take this record as `work`."""
 
-    q_mid: Array  # (n, 7) coordinates at the middle of the step, Euler parameters not normalized
+    # (n, 7) coordinates at the middle of the step [m, frame I], [1]; p is not normalized
+    q_mid: Array
     R: Array  # (n, 3, 3) link frames in I
     frames: JointFrames  # those of the joints; views of R where they are link frames
     omega: Array  # (n, 3) angular velocities at the start of the step, in I [rad/s]
     center: Array  # (n, 3) link centers from O, the center of the middle link, in I [m]
-    coordinate: Array  # (2, n-1, 2, 2) start and middle x joint x (yaw, pitch) x (angle, rate)
+    # (2, n-1, 2, 2) start and middle x joint x (yaw, pitch) x (angle [rad], rate [rad/s])
+    coordinate: Array
     torque: Array  # (n-1, 2) impulse of the controller, without its implicit part [N m s]
     damping: Array  # (n-1, 2) implicit part of the controller, times dt [N m s^2]
     applied: Array  # (n-1, 2) impulse of the controller with its implicit part [N m s]
     axes: AxisLaws  # laws of the joint axes in this step
-    moving: Array  # (n, 6) velocities that lead to a landing, as `u`; see `closing`
+    moving: Array  # (n, 6) velocities that lead to a landing, as `state.State.u`; see `closing`
     chain: Chain  # the links as a tree, about O
+    pairs: Delassus | None  # of the contacts of two links; None on a flat floor
     closed: Array  # (c,) begins with the numbers of the closed contacts
     operator: Operator  # of the contacts, for `bdf2`
     contacts: Contacts  # all contacts of the scene, see `contact.problem`
@@ -140,14 +143,11 @@ def make_workspace(scene: Scene) -> Workspace:
             residual_torque=zeros((n - 1, 2)),
             twist=zeros((n, 6)),
             correction=zeros((n, 6)),
-            no_torque=zeros((n - 1, 2)),
             frame=None if is_flat(scene) else zeros((count, 3, 3)),
             free=make_free_chain(n),
-            # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
-            pair_delassus=None
-            if is_flat(scene)
-            else make_delassus(5 * len(pair_contacts(scene)), n),
         ),
+        # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
+        pairs=None if is_flat(scene) else make_delassus(5 * len(pair_contacts(scene)), n),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),
         contacts=make_contacts(contact_links(scene)),

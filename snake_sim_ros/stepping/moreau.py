@@ -19,21 +19,34 @@ placed as if the joints were closed exactly.
 """
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from snake_sim_ros.contact.closing import (
-    close_step,
+    close_on_links,
     contacts_land,
+    GAP_GROWTH,
+    gaps_to_close,
     keep_closed,
+    left_gap,
+    most_closed,
+    MOST_MOVES,
+    move_links,
     NONE,
     predict_gaps,
 )
-from snake_sim_ros.contact.detection import find_contacts, Found, Pose, reach_of_step
+from snake_sim_ros.contact.detection import (
+    find_contacts,
+    Found,
+    gap_at,
+    penetration,
+    Pose,
+    reach_of_step,
+)
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule, PRESS_SPEED
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts, Solver
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -41,9 +54,9 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
-from snake_sim_ros.dynamics.joint_drift import close_joints, joint_violation
+from snake_sim_ros.dynamics.joint_drift import close_joints, furthest_angles, joint_violation
 from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
     controller_impulses,
@@ -53,6 +66,7 @@ from snake_sim_ros.dynamics.joint_laws import (
 )
 from snake_sim_ros.dynamics.kinematics import (
     chain_geometry,
+    copy_rows,
     end_coordinates,
     end_velocities,
     joint_coordinates,
@@ -67,14 +81,15 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import product
 from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.pushes import add_pushes, whole_step
-from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
+    take_step,
 )
 
 
@@ -102,8 +117,11 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     )
     loads = work.torque, work.damping
     control_impulses(model.robot, model.dt, control, work.coordinate, reference, loads)
-    if model.robot.joint_laws.present:
-        begin_joint_laws(model.robot, work.axes, model.dt, mid, loads, q)
+    laws_of_joints = model.robot.joint_laws
+    if laws_of_joints.present:
+        begin_joint_laws(laws_of_joints, work.axes, model.dt, mid, loads)
+        if laws_of_joints.has_stops:
+            furthest_angles(places, laws_of_joints.stop, q, mid, work.axes.furthest)
     axis_loads(places, work.torque, work.damping, chain)
     link_inertia(model.robot, R, work.center, chain.bare)
     smooth_momentum(model.robot, model.dt, (u, u), R, work.center, chain.momentum)
@@ -111,9 +129,9 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     add_pushes(steps.pushes, stretch, model.dt, R, work.center, chain.momentum)
     twists(u, work.omega, work.center, chain.twist)
     reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
-    pose = Pose(work.q_mid, R, work.center)
+    pose = Pose(model.robot, work.q_mid, R, work.center)
     found = Found(work.closed, work.contacts, chain.frame)
-    count = find_contacts(model.obstacles, reach, model.robot, pose, found)
+    count = find_contacts(model.obstacles, reach, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     fall, impulse = -model.dt * model.robot.gravity[2], steps.history.impulse
@@ -122,29 +140,29 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
-    return Problem(laws, closed, contacts, chain)
+    return Problem(laws, closed, contacts, chain, work.pairs)
 
 
 @inlined
 def begin_landing(problem: Problem, count: int, history: History) -> Problem:
     """Return the problem of the first `count` contacts, with velocities of the first solution."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, pairs = problem
     contact_velocities(closed[:count], contacts, chain.frame, chain.twist)
     for a in closed[:count]:
         for j in range(5):
             history.change[a, j] = 0.0
-    return Problem(laws, closed[:count], contacts, chain)
+    return Problem(laws, closed[:count], contacts, chain, pairs)
 
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: LoopReport
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     chain = work.chain
     joint_rates(model.robot.places, work.frames, chain.twist, work.axes.rate)
     laws, loads = model.robot.joint_laws, (work.torque, work.damping)
-    trial = Trial(outcome, attempt, left)
+    trial = Trial(outcome.iterations, outcome.converged, attempt, left)
     if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):
         return False
     axis_loads(model.robot.places, work.torque, work.damping, chain)
@@ -153,7 +171,7 @@ def solve_again(
 
 @inlined
 def solve_step(
-    solver: Any, model: Model, work: Workspace, steps: Steps, problem: Problem
+    solver: Solver, model: Model, work: Workspace, steps: Steps, problem: Problem
 ) -> tuple[Problem, Outcome, bool]:
     """
     Solve the contacts and, if they land, once more; see `closing.keep_closed`.
@@ -173,7 +191,7 @@ def solve_step(
     while True:  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
-            outcome = solve_contacts(solver, problem, steps.history, left)
+            outcome = solve_contacts(solver, problem, of_contacts(steps.history), left)
             if not solve_again(model, work, outcome, attempt, left, report):
                 break
         if lands or outcome.iterations >= left or not outcome.converged:
@@ -213,16 +231,53 @@ def end_step(
     note_outcome(outcome, report)
     report.contacts = len(problem.closed)
     note_joints(model, q, report)
-    furthest = work.axes.furthest
-    close_joints(model.drift_correction, model.robot.places, model.robot.mass, furthest, q)
+    robot = model.robot
+    close_joints(model.drift_correction, robot.places, robot.mass, work.axes.furthest, q)
     goes_on = report_end(model, work, q, u, steps.history.settling, report)
-    depth = close_step(model, work.center, problem, furthest, q, work.q_mid)
+    depth = close_step(model, work, problem, q)
     report.penetration_max = max(report.penetration_max, depth)
     return goes_on
 
 
 @inlined
-def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
+def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> float:
+    """
+    Move the coordinates at the end of a step, q (n, 7), until loaded contacts have no gaps.
+
+    Contacts inside an obstacle are closed, too. A move after which the largest gap or
+    penetration is much larger is taken back: contacts that depend on each other may need large
+    moves, for which the chain is not linear.
+
+    The problem is as it was solved; its impulses and twists are replaced, and `work.q_mid` by the
+    coordinates before a move. Return the penetration of the robot at the end [m].
+    """
+    robot, closed, contacts, q_before = model.robot, problem.closed, problem.contacts, work.q_mid
+    solution = contacts.solution
+    for a in closed:
+        solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
+    depth = penetration(model.obstacles, robot, q)
+    before = depth_before = math.inf
+    for move in range(MOST_MOVES + 1 if model.closed_gap > 0.0 else 0):
+        for a in closed:
+            solution.end_gap[a] = gap_at(model.obstacles, robot, q, contacts, a)
+        to_close, worst = gaps_to_close(most_closed(model.dt), model.dt, closed, contacts)
+        worst = max(worst, depth)
+        if worst > GAP_GROWTH * before:
+            copy_rows(q_before, q, 7)
+            return depth_before
+        if move == MOST_MOVES or not to_close > left_gap(model.closed_gap):
+            break
+        before, depth_before = worst, depth
+        copy_rows(q, q_before, 7)
+        close_on_links(problem, 1.0)
+        move_links(work.chain.twist, work.center, q)
+        close_joints(model.drift_correction, robot.places, robot.mass, work.axes.furthest, q)
+        depth = penetration(model.obstacles, robot, q)
+    return depth
+
+
+@inlined
+def turns_are_small(dt: float, twist: Array, report: LoopReport) -> bool:
     """Return whether all links turn by less than pi/2 in dt, or report the first that does not."""
     for i in range(len(twist)):
         turn = dt * math.sqrt(twist[i, 0] ** 2 + twist[i, 1] ** 2 + twist[i, 2] ** 2)
@@ -233,7 +288,7 @@ def turns_are_small(dt: float, twist: Array, report: Table) -> bool:
 
 
 @inlined
-def note_joints(model: Model, q: Array, report: Table) -> None:
+def note_joints(model: Model, q: Array, report: LoopReport) -> None:
     """Report how far the joints are open."""
     gap, twist = joint_violation(model.robot.places, q)
     report.joint_gap_max = max(report.joint_gap_max, gap)
@@ -242,7 +297,7 @@ def note_joints(model: Model, q: Array, report: Table) -> None:
 
 @inlined
 def report_end(
-    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: Table
+    model: Model, work: Workspace, q: Array, u: Array, settling: Array, report: LoopReport
 ) -> bool:
     """
     Report a step at its end.
@@ -263,26 +318,25 @@ def report_end(
     return left > 0.0
 
 
-@compiled
-def advance_moreau(solver: Any, model: Model, work: Workspace, steps: Steps) -> None:
-    """
-    Take the steps up to the first that diverges; see `spatial.SpatialStepper`.
+class Moreau(NamedTuple):
+    """The step of the paper, with a contact solver; see `contact.problem.solve_contacts`."""
 
-    The type of `solver` chooses the contact solver; see `contact.problem.solve_contacts`.
-    """
+    solver: Solver
+
+
+@take_step.register(Moreau)
+@inlined
+def take_moreau_step(
+    own: Moreau, model: Model, work: Workspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it diverges; see `steps.take_step`."""
     report = steps.report[0]
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        before = noted(report)
-        problem = begin_step(model, work, steps, k)
-        problem, outcome, lands = solve_step(solver, model, work, steps, problem)
-        goes_on = end_step(model, work, steps, problem, outcome, lands)
-        count_steps(before, report)
-        if report.steps > k:
-            keep_sample(k, model.dt, model.dt, work.applied, steps)
-        if not goes_on:
-            break
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    before = noted(report)
+    problem = begin_step(model, work, steps, k)
+    problem, outcome, lands = solve_step(own.solver, model, work, steps, problem)
+    goes_on = end_step(model, work, steps, problem, outcome, lands)
+    count_steps(before, report)
+    return goes_on, model.dt
 
 
 def where_impulses_acted(scene: Scene, q: Array, u: Array) -> Array:

@@ -11,9 +11,7 @@ Times are counted in ticks, STEP a step. A push begins at the tick before and en
 tick after those that are meant, with a force that is so much smaller that its impulse is exact.
 """
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import pairwise
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
@@ -34,8 +32,8 @@ class Stretch(NamedTuple):
     """A step, or the part of it from where a push begins or ends to where the next one does."""
 
     begin: int  # ticks since time 0
-    end: int
-    step_end: int  # end of the step
+    end: int  # ticks since time 0
+    step_end: int  # end of the step, in ticks since time 0
 
 
 class PushTable(NamedTuple):
@@ -52,7 +50,7 @@ class PushTable(NamedTuple):
     turns: Array  # (m,) 1: axes are those of frame B of the link, with which they turn; 0: of I
     lifts: Array  # (m,) 1 if it does not leave a robot that lies flat in the plane
     begin: Array  # (m,) ticks since time 0
-    end: Array  # (m,)
+    end: Array  # (m,) ticks since time 0
     clock: Array  # (1,) number of the first step of a call, from time 0
 
     def after(self, steps: int) -> 'PushTable':
@@ -72,29 +70,6 @@ class PushTable(NamedTuple):
         """Return the pushes that do not leave the robot flat in any of the next steps."""
         first, last = self.clock[0] * STEP, (self.clock[0] + count) * STEP
         return np.flatnonzero((self.lifts == 1) & (self.begin < last) & (self.end > first))
-
-    def step(self, k: int = 0) -> Stretch:
-        """Return step k of a call."""
-        end = (int(self.clock[0]) + k + 1) * STEP
-        return Stretch(end - STEP, end, end)
-
-    def stretches(self) -> list[Stretch]:
-        """Return the parts of the first step in which pushes are constant."""
-        begin, end, _ = self.step()
-        changes = {int(tick) for tick in (*self.begin, *self.end) if begin < tick < end}
-        ticks = [begin, *sorted(changes), end]
-        return [Stretch(*pair, end) for pair in pairwise(ticks)]
-
-    def generalized(self, stretch: Stretch, R: Array) -> Array:
-        """Return the mean generalized force (6n,) in a stretch, for link frames R (n, 3, 3)."""
-        found = np.zeros((len(R), 6))
-        for p, i in enumerate(self.link):
-            axes = R[i] if self.turns[p] else np.eye(3)
-            time = min(stretch.end, self.end[p]) - max(stretch.begin, self.begin[p])
-            part = max(0, time) / (stretch.end - stretch.begin)
-            found[i, :3] += part * axes @ self.force[p]
-            found[i, 3:] += part * R[i].T @ axes @ self.torque[p]
-        return found.ravel()
 
 
 @inlined
@@ -197,12 +172,12 @@ def lifts_in_step(pushes: PushTable, step: int) -> bool:
 class Push(NamedTuple):
     """A push whose times are ticks; see `PushTable` for its numbers."""
 
-    link: int
-    force: Array
-    torque: Array
-    turns: bool
-    begin: int
-    end: int
+    link: int  # index of the link, from 0
+    force: Array  # (3,) at its center [N]
+    torque: Array  # (3,) [N m]
+    turns: bool  # whether axes are those of frame B of the link, with which they turn, not of I
+    begin: int  # ticks since time 0
+    end: int  # ticks since time 0
 
     @property
     def lifts(self) -> bool:
@@ -238,9 +213,6 @@ def make_table(pushes: Sequence[Push], step: int = 0) -> PushTable:
 
 
 NO_PUSHES = make_table(())
-# What a dense step takes: a function that returns forces (6n,) for link frames R (n, 3, 3).
-Pushed = Callable[[Array], Array]
-not_pushed: Pushed = partial(NO_PUSHES.generalized, Stretch(0, STEP, STEP))
 
 
 class Pushes:

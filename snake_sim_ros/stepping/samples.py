@@ -36,7 +36,7 @@ class Samples(NamedTuple):
     every: int  # steps from one sample to the next
     first: int  # steps up to the first one
     q: Array  # (m, n, 7) as in `state.State`
-    u: Array  # (m, n, 6)
+    u: Array  # (m, n, 6) as in `state.State`
     torque: Array  # (m, n-1, 2) (yaw, pitch) [N m]
     impulse: Array  # (m, contacts, 5) [N s]
     span: Array  # (m,) time for which impulses acted [s]

@@ -10,7 +10,7 @@ second, so that a program can show its progress.
 from collections.abc import Callable
 import math
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from snake_sim_ros.scene.parameters import Array, Robot, Scene, steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
 from snake_sim_ros.stepping.samples import make_samples, Samples
-from snake_sim_ros.stepping.state import History, State
 from snake_sim_ros.stepping.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.simulation import Simulation
 
 LEVELS = np.array(['spatial', 'planar'])
 FIRST_PORTION = 25  # steps of a call if unconverged ones are limited; doubles while all converge
@@ -57,9 +59,43 @@ class Limits(NamedTuple):
 
     seconds: float = math.inf  # wall time of all steps [s]
     unconverged: float = math.inf  # number of steps that did not converge
+    keyboard: bool = False  # whether Ctrl-C ends the run with the samples so far, or is raised
+    # Whether the wall time of the steps includes the computation of the joint references.
+    times_references: bool = False
+
+
+class Command(NamedTuple):
+    """What commands the joints in place of the gait."""
+
+    control: Callable[['Simulation'], Reference]  # called at the begin of every period
+    period: int  # steps
+
+
+class Hooks(NamedTuple):
+    """
+    What is called between the steps of a run.
+
+    Attributes
+    ----------
+    command : Command or None
+        What commands the joints. Default: the path that the scene follows, or its gait.
+    observe : callable or None
+        Called with the simulation at every sample, also the first, which costs 0.1 ms a sample.
+    progress : callable or None
+        Called with the simulated time that has passed [s], some times a second.
+    portion : int
+        Number of steps in the first call, between two calls of `progress`.
+
+    """
+
+    command: Command | None = None
+    observe: Callable[['Simulation'], object] | None = None
+    progress: Callable[[float], object] | None = None
+    portion: int = LEAST_STEPS
 
 
 NO_LIMITS = Limits()
+NO_HOOKS = Hooks()
 STATES = Keep()
 MOST_JOINT_BYTES = 100_000_000  # of the joints after every step that a single run keeps
 
@@ -75,27 +111,11 @@ def kept_of_run(scene: Scene, steps: int, samples: int) -> Keep:
     return Keep(contacts=True, joints=steps > 1 and size <= MOST_JOINT_BYTES)
 
 
-def begun_samples(
-    scene: Scene, state: State, history: History, last: Report, steps: int, samples: int
-) -> Samples:
-    """
-    Return arrays for samples after the present state, which is the first of them.
-
-    Parameters
-    ----------
-    scene : Scene
-    state : State
-    history : History
-    last : Report
-        Of the last steps.
-    steps : int
-        Number of steps between two samples.
-    samples : int
-        Number of samples after the first one.
-
-    """
+def begun_samples(simulation: 'Simulation', steps: int, samples: int) -> Samples:
+    """Return arrays for samples after the present state, the first of them; see `sample`."""
+    scene, last, history = simulation.scene, simulation.last, simulation.history
     found = make_samples(scene, steps, samples + 1)._replace(first=0)
-    found.add(-1, state, history, last.joint_torque, last_span(scene, history))
+    found.add(-1, simulation.state, history, last.joint_torque, last_span(scene, history))
     found.is_planar[0] = last.level == 'planar'
     return found
 
@@ -131,26 +151,18 @@ def joint_rows(robot: Robot, samples: Samples) -> Array:
     return np.stack([robot.by_axis(item) for item in rows])
 
 
+class Ended(NamedTuple):
+    """How a run went; see `Trajectory`."""
+
+    report: Report  # of all steps
+    seconds: float  # wall time of all steps [s]
+    interrupted: bool  # whether it was ended from the keyboard
+
+
 def trajectory_of(
-    scene: Scene, samples: Samples, keep: Keep, report: Report, seconds: float, *,
-    interrupted: bool, joint_steps: Array | None = None,
-) -> Trajectory:  # fmt: skip
-    """
-    Return the record of samples, the first of which is the start.
-
-    Parameters
-    ----------
-    scene : Scene
-    samples : Samples
-    keep : Keep
-    report : Report
-    seconds : float
-        See `Trajectory`.
-    interrupted : bool
-    joint_steps : ndarray, optional
-        See `Trajectory`.
-
-    """
+    scene: Scene, samples: Samples, keep: Keep, ended: Ended, joint_steps: Array | None
+) -> Trajectory:
+    """Return the record of samples, the first of which is the start; see `Trajectory`."""
     m, q, u = len(samples.q), samples.q, samples.u
     joint_angle, joint_velocity = joint_motion(scene.robot, q, u)
     sample = number = np.zeros(0, dtype=int)
@@ -171,61 +183,14 @@ def trajectory_of(
         contact_number=number,
         contact_point=points,
         contact_force=forces,
-        level=level if m > 1 else np.array([report.level]),
-        report=report,
-        seconds=seconds,
-        interrupted=interrupted,
+        level=level if m > 1 else np.array([ended.report.level]),
+        report=ended.report,
+        seconds=ended.seconds,
+        interrupted=ended.interrupted,
         velocity=u,
         impulse=samples.impulse if keep.impulses else np.zeros((m, 0)),
         joint_steps=np.zeros(0) if joint_steps is None else joint_steps,
     )
-
-
-class Advances(Protocol):
-    """What takes the steps: a `Simulation`."""
-
-    scene: Scene
-    step_count: int
-    report: Report
-
-    @property
-    def state(self) -> State: ...  # noqa: D102
-
-    @property
-    def present_history(self) -> History: ...  # noqa: D102
-
-    @property
-    def last(self) -> Report: ...  # noqa: D102
-
-    @property
-    def time(self) -> float: ...  # noqa: D102
-
-    @property
-    def joint_angle(self) -> Array: ...  # noqa: D102
-
-    @property
-    def joint_velocity(self) -> Array: ...  # noqa: D102
-
-    @property
-    def joint_torque(self) -> Array: ...  # noqa: D102
-
-    @property
-    def compile_seconds(self) -> float: ...  # noqa: D102
-
-    def midpoints(self, steps: int) -> Array: ...  # noqa: D102
-
-    def gait_reference(self, steps: int) -> tuple[Array, Array]: ...  # noqa: D102
-
-    def advance(  # noqa: D102
-        self, angle: Array, rate: Array, samples: Samples | None = None
-    ) -> Report: ...
-
-
-class Command(NamedTuple):
-    """What commands the joints in place of the gait."""
-
-    control: Callable[[Any], Reference]  # takes a `Simulation` at the begin of every period
-    period: int  # steps
 
 
 def command_of(controller: Controller, scene: Scene) -> Command:
@@ -240,7 +205,7 @@ def command_of(controller: Controller, scene: Scene) -> Command:
     """
     controller.start(scene)
 
-    def control(simulation: Advances) -> Reference:
+    def control(simulation: 'Simulation') -> Reference:
         state = simulation.state if controller.sees_poses else None
         measured = Measured(
             simulation.joint_angle,
@@ -263,19 +228,17 @@ class Portions:
     """
     Calls of `Simulation.advance` with the references of a command or a gait, and their wall time.
 
-    `joints` is as in `Keep`; `joint_steps` are then those of every step, in portions.
+    If joints are kept, `joint_steps` are those of every step, in portions.
     """
 
     def __init__(
-        self, simulation: Advances, samples: Samples, limits: Limits, portion: int, timed: bool,
-        *, joints: bool = False, command: Command | None = None,
-    ) -> None:  # fmt: skip
-        self.joints, self.joint_steps, self.command = joints, list[Array](), command
+        self, simulation: 'Simulation', samples: Samples, keep: Keep, limits: Limits, hooks: Hooks
+    ) -> None:
         self.simulation, self.samples, self.limits = simulation, samples, limits
-        self.time_references, self.seconds = timed, 0.0
-        self.is_cautious = not math.isinf(limits.unconverged)
+        self.joints, self.joint_steps, self.command = keep.joints, list[Array](), hooks.command
+        self.seconds, self.is_cautious = 0.0, not math.isinf(limits.unconverged)
         self.in_time = 0  # steps taken before the limit of the wall time
-        self.begin, self.portion = simulation.step_count, max(portion, samples.every)
+        self.begin, self.portion = simulation.step_count, max(hooks.portion, samples.every)
         if self.is_cautious:
             self.portion = FIRST_PORTION
 
@@ -289,9 +252,9 @@ class Portions:
         simulation, count = self.simulation, min(self.portion, most)
         if self.joints:
             count = min(count, MOST_KEPT)
-        begin = time.perf_counter() if self.time_references else math.nan
+        begin = time.perf_counter()
         reference, compiled = self._reference(count), simulation.compile_seconds
-        begin = begin if self.time_references else time.perf_counter()
+        begin = begin if self.limits.times_references else time.perf_counter()
         if self.joints:
             done, count = self.done, len(reference[0])
             every = make_samples(simulation.scene, 1, count)

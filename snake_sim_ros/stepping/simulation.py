@@ -19,22 +19,24 @@ from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait
 from snake_sim_ros.scene.parameters import Array, load_scene, samples_of, Scene
-from snake_sim_ros.stepping.base import InPlace, Report, Stepper
+from snake_sim_ros.stepping.base import Report, Stepper
 from snake_sim_ros.stepping.contact_forces import contact_forces, last_span
 from snake_sim_ros.stepping.levels import LevelStepper
+from snake_sim_ros.stepping.loops import StepsInPlace
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.pushes import NO_PUSHES, Pushes, PushTable
 from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.sampling import (
     begun_samples,
-    Command,
     command_of_scene,
+    Ended,
+    Hooks,
     joint_motion,
     joint_rows,
     Keep,
     kept_of_run,
-    LEAST_STEPS,
     Limits,
+    NO_HOOKS,
     NO_LIMITS,
     Portions,
     STATES,
@@ -120,9 +122,9 @@ class IterationBudget:
     def __init__(self) -> None:
         self.share, self.cut, self.cycles = 0.0, 0, np.zeros(1, np.int64)
 
-    def advance(
-        self, stepper: Stepper, most: int, state: State, history: History, angle: Array,
-        rate: Array, pushes: PushTable = NO_PUSHES,
+    def spend(
+        self, stepper: Stepper, most: int, state: State, history: History,
+        reference: tuple[Array, Array], pushes: PushTable = NO_PUSHES,
     ) -> tuple[State, History, Report]:  # fmt: skip
         """
         Return state, history and report after as many steps as there are references.
@@ -133,10 +135,13 @@ class IterationBudget:
             Of a compiled method.
         most : int
             The limit of a step without a budget. The stepper has it again afterwards.
-        state, history, angle, rate, pushes
+        state, history, pushes
             As in `base.Stepper.advance`.
+        reference : tuple of ndarray
+            angle and rate, as there.
 
         """
+        angle, rate = reference
         report, ticks = Report(level=stepper.level), [np.zeros(1, np.int64)]
         left, single = int(self.share * len(angle)), 0
         try:
@@ -194,7 +199,7 @@ class Simulation:
         self.stepper = stepper or make_stepper(scene)
         self.step_count, self.gait, self.pushes = 0, GaitAhead(scene), Pushes(scene)
         self.budget = IterationBudget()
-        self._in_place: InPlace | None = None
+        self._in_place: StepsInPlace | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -375,14 +380,14 @@ class Simulation:
         self, angle: Array, rate: Array, samples: Samples | None, pushes: PushTable
     ) -> Report:
         """Take steps of the stepper."""
-        now = self.state, self.history, angle, rate
+        now = self.state, self.history
         if samples is None and self.budget.share:
             most = self.scene.solver.iteration_limit
-            state, history, report = self.budget.advance(self.stepper, most, *now, pushes)
+            last = self.budget.spend(self.stepper, most, *now, (angle, rate), pushes)
         else:
-            state, history, report = self.stepper.advance(*now, samples, pushes)
-        self._go_on_from(state, history)
-        return report
+            last = self.stepper.advance(*now, angle, rate, samples, pushes)
+        self._go_on_from(*last[:2])
+        return last[2]
 
     def _noted(self, last: Report) -> Report:
         """Count the steps of a call of `advance`, and return their report."""
@@ -422,19 +427,9 @@ class Simulation:
 
 
 def sample(
-    simulation: Simulation,
-    steps: int,
-    samples: int,
-    *,
-    keep: Keep = STATES,
-    limits: Limits = NO_LIMITS,
-    observe: Callable[[Simulation], object] | None = None,
-    progress: Callable[[float], object] | None = None,
-    time_references: bool = False,
-    interruptible: bool = False,
-    portion: int = LEAST_STEPS,
-    command: Command | None = None,
-) -> Trajectory:
+    simulation: Simulation, steps: int, samples: int, *, keep: Keep = STATES,
+    limits: Limits = NO_LIMITS, hooks: Hooks = NO_HOOKS,
+) -> Trajectory:  # fmt: skip
     """
     Advance a simulation as its scene says, or a command, and return samples of its motion.
 
@@ -449,47 +444,33 @@ def sample(
     keep : Keep, optional
         Default: states, joint torques and levels only.
     limits : Limits, optional
-    observe : callable, optional
-        Called at every sample, also the first, which costs 0.1 ms a sample.
-    progress : callable, optional
-        Called with the simulated time that has passed [s], some times a second.
-    time_references : bool, optional
-        Whether the wall time of the steps includes the computation of the joint references.
-    interruptible : bool, optional
-        Whether Ctrl-C ends the run and returns the samples so far, or is raised.
-    portion : int, optional
-        Number of steps in the first call, between two calls of `progress`.
-    command : Command, optional
-        What commands the joints. Default: the path that the scene follows, or its gait.
+    hooks : Hooks, optional
 
     """
-    command = command or command_of_scene(simulation.scene)
-    now = simulation.state, simulation.history, simulation.last
-    found = begun_samples(simulation.scene, *now, steps, samples)
-    advance = Portions(
-        simulation, found.after(0), limits, portion, time_references, joints=keep.joints,
-        command=command,
-    )  # fmt: skip
+    hooks = hooks._replace(command=hooks.command or command_of_scene(simulation.scene))
+    found = begun_samples(simulation, steps, samples)
+    advance = Portions(simulation, found.after(0), keep, limits, hooks)
     interrupted = False
     try:
-        if observe:
-            observe(simulation)
+        if hooks.observe:
+            hooks.observe(simulation)
         while advance.done < steps * samples and not advance.over():
-            advance(steps - advance.done % steps if observe else steps * samples - advance.done)
-            if observe and advance.done % steps == 0 and not advance.over():
-                observe(simulation)
-            if progress:
-                progress(advance.done * simulation.scene.dt)
+            count = steps * samples - advance.done
+            advance(steps - advance.done % steps if hooks.observe else count)
+            if hooks.observe and advance.done % steps == 0 and not advance.over():
+                hooks.observe(simulation)
+            if hooks.progress:
+                hooks.progress(advance.done * simulation.scene.dt)
     except KeyboardInterrupt:
-        if not interruptible:
+        if not limits.keyboard:
             raise
         interrupted = True
-    kept = found.until(advance.in_time), keep, simulation.report, advance.seconds
     joint_steps = None
     if keep.joints:
         rows = [joint_rows(simulation.scene.robot, found.until(0)), *advance.joint_steps]
         joint_steps = np.concatenate(rows, axis=1)[:, : advance.in_time + 1]
-    return trajectory_of(simulation.scene, *kept, interrupted=interrupted, joint_steps=joint_steps)
+    ended = Ended(simulation.report, advance.seconds, interrupted)
+    return trajectory_of(simulation.scene, found.until(advance.in_time), keep, ended, joint_steps)
 
 
 def simulate(
@@ -520,8 +501,8 @@ def simulate(
     simulation.compile(scene.gait)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     trajectory = sample(
-        simulation, steps, samples, keep=kept_of_run(scene, steps, samples), observe=observe,
-        progress=progress, interruptible=True,
+        simulation, steps, samples, keep=kept_of_run(scene, steps, samples),
+        limits=Limits(keyboard=True), hooks=Hooks(observe=observe, progress=progress),
     )  # fmt: skip
     compiled = simulation.compile_seconds - compiled
     return replace(trajectory, seconds=time.perf_counter() - begin - compiled)

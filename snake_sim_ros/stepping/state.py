@@ -5,12 +5,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
-from typing import Any, cast, NamedTuple, TypeVar
+from typing import Any, cast, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from snake_sim_ros.contact.problem import ContactHistory, make_contact_history
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.joint_control import make_control_memory
+from snake_sim_ros.dynamics.joint_control import ControlMemory, make_control_memory
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, same_contacts
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -48,6 +49,14 @@ def initial_state(scene: Scene) -> State:
 T = TypeVar('T')
 
 
+class Memory(Protocol):
+    """What a method keeps of the last step at its level: a NamedTuple of arrays."""
+
+    def last_span(self) -> float:
+        """Return the time for which the last impulses acted [s], 0 before the first step."""
+        ...
+
+
 class History(NamedTuple):
     """
     What a step takes from the step before it, besides the state.
@@ -73,30 +82,20 @@ class History(NamedTuple):
     velocity: Array
     change: Array
     settling: Array
-    control: Any = None
+    control: ControlMemory
     memory: Any = None
 
 
 @inlined
-def without_memory(history: History) -> History:
-    """
-    Return the history without the memory of the method, as the contact solvers take it.
-
-    The solvers are then compiled once for all methods.
-    """
-    return History(history.impulse, history.velocity, history.change, history.settling, None, None)
+def of_contacts(history: History) -> ContactHistory:
+    """Return the part of a history that contact solvers take, whatever the method is."""
+    return ContactHistory(history.impulse, history.velocity, history.change)
 
 
-def make_history(contacts: int) -> History:
-    """Return a history of a number of contacts, filled with zeros."""
-    impulse, velocity, change = np.zeros((3, contacts, 5))
-    return History(impulse, velocity, change, np.zeros(1))
-
-
-def empty_history(scene: Scene, memory: Any = None) -> History:
+def empty_history(scene: Scene, memory: Memory | None = None) -> History:
     """Return the history before the first step of a scene."""
-    control = make_control_memory(scene)
-    return make_history(contact_count(scene))._replace(control=control, memory=memory)
+    contacts = make_contact_history(contact_count(scene))
+    return History(*contacts, np.zeros(1), make_control_memory(scene), memory)
 
 
 def named_arrays(record: Any, name: str = 'history') -> dict[str, Array]:
@@ -176,21 +175,6 @@ def check_history(links: int, empty: History, state: State, history: History) ->
     _check_memory('history.memory', history.memory, empty.memory)
 
 
-def check_arguments(
-    links: int, empty: History, state: State, history: History, angle: Array, rate: Array
-) -> None:
-    """
-    Check the arguments of `base.Stepper.advance`; `empty` is the empty history of the stepper.
-
-    Raises
-    ------
-    ParameterError
-        As `base.Stepper.advance` raises it.
-
-    """
-    Returned(links, empty).check(state, history, angle, rate)
-
-
 class Returned:
     """
     What a stepper returned last, which it need not check when it is passed back.
@@ -199,7 +183,7 @@ class Returned:
     ----------
     links : int
     empty : History
-        As of `check_arguments`.
+        Its empty history, as of `check_history`.
 
     """
 
@@ -214,7 +198,7 @@ class Returned:
         return self.begun
 
     def check(self, state: State, history: History, angle: Array, rate: Array) -> None:
-        """Check the arguments of `base.Stepper.advance`, see `check_arguments`."""
+        """Check the arguments of `base.Stepper.advance`, as it raises errors."""
         is_known = self.last[0] is state and self.last[1] is history
         if is_known and is_finite(state.q) and is_finite(state.u):
             pass

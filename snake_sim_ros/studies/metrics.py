@@ -17,7 +17,7 @@ import numpy as np
 
 from snake_sim_ros.controllers.following import speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
-from snake_sim_ros.dynamics.energy import floor_contact_velocities
+from snake_sim_ros.dynamics.force_directions import floor_contact_velocities
 from snake_sim_ros.gaits.steering import Stride
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import (
@@ -223,6 +223,17 @@ def direction(trajectory: Trajectory) -> float:
     return math.atan2(sideways(trajectory), forward(trajectory))
 
 
+def turning(trajectory: Trajectory) -> float:
+    """
+    Return the mean turning rate, of the direction from the last link to the first [rad/s].
+
+    It is positive to the left. What the links do within a cycle is left out over whole cycles.
+    """
+    ahead = trajectory.position[:, 0, :2] - trajectory.position[:, -1, :2]
+    angle = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    return float((angle[-1] - angle[0]) / (trajectory.time[-1] - trajectory.time[0]))
+
+
 def energy(trajectory: Trajectory) -> float:
     """
     Return the mechanical work of the joints without recovery, int sum_j |tau_j phi'_j| dt [J].
@@ -311,7 +322,7 @@ def jams(trajectory: Trajectory) -> float:
     """Return the number of gait cycles that cover less than JAMMED of what the speed asks for."""
     (arcs, _), scene, time = _track(trajectory), trajectory.scene, trajectory.time
     period = cycle(scene.gait)
-    asked = period * speed_along(scene.follow, scene.gait, Stride.of(scene.gait))
+    asked = period * speed_along(scene.follow, scene.gait, Stride.of(scene.gait, scene.friction))
     ends = np.arange(time[0], time[-1] + ROUNDING * period, period)
     return float((np.diff(np.interp(ends, time, arcs)) < JAMMED * asked).sum())
 
@@ -337,6 +348,7 @@ METRICS: dict[str, Metric] = {
         (sideways, 'm'),
         (speed, 'm/s'),
         (direction, 'rad'),
+        (turning, 'rad/s'),
         (energy, 'J'),
         (cost_of_transport, '1'),
         (slip, 'm/s'),

@@ -23,7 +23,14 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
-from snake_sim_ros.stepping.sampling import Keep, LEAST_STEPS, Limits, NO_LIMITS, PORTION_SECONDS
+from snake_sim_ros.stepping.sampling import (
+    Hooks,
+    Keep,
+    LEAST_STEPS,
+    Limits,
+    NO_LIMITS,
+    PORTION_SECONDS,
+)
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import Metric, MetricError
@@ -251,10 +258,10 @@ class _Runner:
         self.simulation, limits = simulation, NO_LIMITS
         if self.plan.time_limit:  # a limit of unconverged steps, not reached, keeps calls short
             limits = Limits(self.plan.time_limit, steps * samples + 1)
+        hooks = Hooks(progress=self._look, portion=self.portion)
         trajectory = sample(
-            simulation, steps, samples, keep=self.plan.keep, limits=limits, progress=self._look,
-            portion=self.portion,
-        )  # fmt: skip
+            simulation, steps, samples, keep=self.plan.keep, limits=limits, hooks=hooks
+        )
         self.portion = int(PORTION_SECONDS * simulation.step_count / trajectory.seconds)
         return trajectory
 

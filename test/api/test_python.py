@@ -178,6 +178,14 @@ def test_a_run_is_written_and_drawn(short, tmp_path):
         short.plot('a.gif')
 
 
+def test_a_plot_without_matplotlib_is_refused_with_a_sentence(short, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    monkeypatch.delitem(sys.modules, 'snake_sim_ros.view.chart', raising=False)
+    monkeypatch.delattr(snake_sim_ros.view, 'chart', raising=False)
+    with pytest.raises(ParameterError, match=r'plots need matplotlib .*snake_sim_ros\[plots\]'):
+        short.plot('run.png')
+
+
 def test_a_function_of_time_is_a_gait():
     wanted = run(SCENE, gait=Gait(yaw=WAVE), duration=SHORT)
     told = run(SCENE, gait=undulate, duration=SHORT)

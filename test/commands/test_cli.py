@@ -309,7 +309,7 @@ AS_MODULE = "import runpy; runpy.run_module('snake_sim_ros.nodes', run_name='__m
 AS_SCRIPT = 'from snake_sim_ros.nodes.__main__ import {0}; sys.exit({0}())'
 
 
-@pytest.mark.parametrize('name', ['sim', 'gait', 'follow', 'viewer'])
+@pytest.mark.parametrize('name', ['sim', 'gait', 'control', 'follow', 'viewer'])
 @pytest.mark.parametrize('start', [AS_MODULE, AS_SCRIPT])
 def test_nodes_say_that_they_need_ros(name, start):
     done = subprocess.run(

@@ -61,6 +61,7 @@ def test_rate_of_a_run_with_a_bag_may_be_another_one(tmp_path):
             ['run', 'step', '--mp4', 'a.mp4', '--speed', 'nan'],
             '--speed must be above 0 and finite',
         ),
+        (['score', 'run.npz', '--controller', 'gait'], '--controller must go with a scene, which'),
         (['export', 'run.npz'], 'nothing to write: give one of --out, --csv, --gif and --mp4'),
         (['export', 'run.npz', '--csv', 'run.csv'], 'no file run.npz'),
         (['export', 'run.db3', '--csv', 'run.csv'], 'ends in .npz or .mcap, or is the folder of'),

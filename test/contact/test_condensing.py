@@ -44,7 +44,7 @@ def shifted_problem(model, work, steps):
 @compiled
 def operators(problem, operator, columns, free):
     """Condense the contacts; fill columns of G and free velocities from sweeps over the chain."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     solution = contacts.solution
     width = impulse_width(laws)
     prepare_contacts(operator, problem)
@@ -53,6 +53,7 @@ def operators(problem, operator, columns, free):
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
+    chain.residual_torque[:] = 0.0
     for k, a in enumerate(closed):
         for j in range(width):
             free[width * k + j] = solution.gamma[a, j] - (solution.shift[a] if j == 0 else 0.0)
@@ -62,7 +63,7 @@ def operators(problem, operator, columns, free):
             solution.impulse[a, j] = 1.0
             add_contact_wrench(closed[k : k + 1], contacts, chain.frame, chain.wrench)
             solution.impulse[a, j] = 0.0
-            solve_chain(chain, chain.no_torque)
+            solve_chain(chain, chain.residual_torque)
             contact_velocities(closed, contacts, chain.frame, chain.twist)
             for m, b in enumerate(closed):
                 for i in range(width):
@@ -83,7 +84,8 @@ def one_iteration(problem, operator, history):
 @compiled
 def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
-    part = Problem(problem.laws, some, problem.contacts, problem.chain)
+    laws, _, contacts, chain, pairs = problem
+    part = Problem(laws, some, contacts, chain, pairs)
     prepare_contacts(operator, part if fresh else problem)
     return solve_prepared(operator, part, history, model.iteration_limit).converged
 
@@ -121,7 +123,7 @@ def started(name):
     record = Record(*make_samples(scene, 0, 0)[:-1])
     steps = make_steps((state.q.copy(), state.u.copy()), history, (still, still), record)
     closed = work.closed[: shifted_problem(model, work, steps)]
-    problem = Problem(model.laws, closed, work.contacts, work.chain)
+    problem = Problem(model.laws, closed, work.contacts, work.chain, work.pairs)
     return scene, model, problem, history, make_operator(contact_count(scene), scene)
 
 

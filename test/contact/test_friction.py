@@ -7,7 +7,7 @@ import math
 
 from flat_states import crooked, flat_robot, in_plane, lying_flat
 import numpy as np
-from obstacle_scenes import COARSE, every_here, HERE
+from obstacle_scenes import COARSE, each_method
 from oracle import empty_history, make_stepper, ORACLE
 from oracle.contact_laws import prox_half_ellipses
 import pytest
@@ -19,6 +19,7 @@ from snake_sim_ros.contact.laws import prox_ellipse
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 from snake_sim_ros.scene.posture import joint_angles
+from snake_sim_ros.stepping.methods import METHODS
 
 FORWARD, BACKWARD, ACROSS = 0.1, 0.25, 0.4
 SCALES = Friction(longitudinal=FORWARD, backward=BACKWARD, transversal=ACROSS)
@@ -29,7 +30,7 @@ RESIDUAL = 1e-12  # m/s
 EXACT = Solver(tolerance=1e-14, residual_tolerance=RESIDUAL, r_sliding=0.03, iteration_limit=20000)
 LEVELS = [
     pytest.param(name, level, id=f'{name}-{level}')
-    for name in HERE
+    for name in METHODS
     for level in ('planar', 'spatial')
 ]
 each_level = pytest.mark.parametrize(('method', 'level'), LEVELS)
@@ -160,7 +161,7 @@ def test_friction_is_the_support_point_of_the_set(method, level, direction):
     assert (np.diff(energy) < 0.0).all()
 
 
-@every_here
+@each_method
 @pytest.mark.parametrize('downhill', [0.0, math.pi, 0.5, 2.6, math.pi / 2])
 def test_a_block_sticks_up_to_the_threshold_of_its_side(method, downhill):
     # Along the link tan b <= mu of that side; in other directions where the load of the slope is
@@ -202,7 +203,7 @@ def agreeing_methods(scene, state, angle):
     `scene` is that of the dense step, and `angle`, shape (1, n-1, 2), are the references.
     """
     ends = {}
-    for method in [ORACLE, *(name for name in HERE if name != 'bdf2')]:
+    for method in [ORACLE, *(name for name in METHODS if name != 'bdf2')]:
         each = replace(scene, method=method)
         start = state, empty_history(each), angle, np.zeros(angle.shape)
         ends[method] = make_stepper(each).advance(*start)
@@ -253,7 +254,7 @@ def test_methods_take_the_dense_step_in_the_plane():
         solver = replace(EXACT, tolerance=1e-12, normal_compliance=1e-2, iteration_limit=500)
         scene = Scene(method=ORACLE, solver=solver, dt=DT, **settings)
         taken += agreeing_methods(scene, state, angle)
-    assert taken >= 2 * (len(HERE) - 2)
+    assert taken >= 2 * (len(METHODS) - 2)
 
 
 # ---- patches ------------------------------------------------------------------------------------
@@ -306,7 +307,7 @@ def test_a_block_with_one_end_in_a_patch_turns(method, level):
     assert np.abs(impulses[1:, 0, 1:3]).max() == 0.0
 
 
-@every_here
+@each_method
 def test_a_block_sticks_on_one_patch_and_slides_on_the_other(method):
     # tan b = 0.2 holds at mu = 0.3 and not at a third of it.
     gravity = slope(math.atan(0.2))

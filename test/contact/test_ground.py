@@ -10,9 +10,8 @@ from obstacle_scenes import (
     anywhere,
     check_agreement,
     check_directions,
-    each_here,
-    every_here,
-    HERE,
+    each_method,
+    each_method_and_step,
     lying_on,
     MIDDLE,
     only_compiled,
@@ -44,7 +43,7 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import about, FLAT, product
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import initial_state
 
 # A method that adds laws of a stiffness 1/(1e-5 G) to the inertia of a link loses up to six digits
@@ -141,7 +140,7 @@ def test_a_robot_begins_on_the_ground(seed):
 # ---- steps --------------------------------------------------------------------------------------
 
 
-@every_here
+@each_method
 def test_step_agrees_with_the_dense_one(method):
     closed = 0
     for seed in range(8):
@@ -151,7 +150,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert closed > 8
 
 
-@every_here
+@each_method
 def test_level_cells_are_a_floor(method):
     # 0.1 m up and all over cells, against the floor of the paper; link 1 rolls and slides.
     flat = replace(load_scene('lateral_undulation'), method=method, dt=1 / 400)
@@ -171,7 +170,7 @@ def test_level_cells_are_a_floor(method):
     assert np.abs(ends[1].q - ends[0].q - np.array([0, 0, 0.1, 0, 0, 0, 0])).max() < bound
 
 
-@every_here
+@each_method
 def test_a_contact_that_opens_keeps_no_force(method):
     # A link that lay on the floor and is thrown up: markers and sensors show what history has.
     scene = link_scene(method, 1 / 1000, ground=step_at(1.0))
@@ -184,7 +183,7 @@ def test_a_contact_that_opens_keeps_no_force(method):
     assert (history.impulse == 0.0).all()
 
 
-@each_here
+@each_method_and_step
 def test_link_slides_along_a_wall_of_several_cells(method, dt):
     # Frictionless along a wall of cells, pressed on it: neither floor nor wall change the velocity
     # along it, over three cells. It starts in contact with both.
@@ -200,7 +199,7 @@ def test_link_slides_along_a_wall_of_several_cells(method, dt):
     assert report.penetration_max < 1e-9
 
 
-@each_here
+@each_method_and_step
 def test_link_stops_at_a_riser_without_rebound(method, dt):
     # A riser higher than the center of the front sphere: u+ = 0, on the floor.
     v, distance = 1.0, 0.01
@@ -214,7 +213,7 @@ def test_link_stops_at_a_riser_without_rebound(method, dt):
     assert abs(end.q[0, 2] - RADIUS) < 1e-9
 
 
-@each_here
+@each_method_and_step
 @pytest.mark.parametrize('height', [0.01, 0.03, 0.05])
 def test_ball_is_deflected_by_an_edge(method, dt, height):
     # Frictionless: what is left of the velocity is its part along the tangent plane of the edge.
@@ -233,7 +232,7 @@ def test_ball_is_deflected_by_an_edge(method, dt, height):
     assert np.abs(end.u[0] - expected).max() < SPEED + 1e-9  # CLOSED over r tilts n by 2e-11
 
 
-@each_here
+@each_method_and_step
 def test_link_comes_to_rest_with_its_front_on_a_step(method, dt):
     # Both spheres rest on their cells when the axis has the slope sin = h/(2 L_GS).
     slope = math.asin(STEP / (2 * OFFSET))
@@ -251,7 +250,7 @@ def test_link_comes_to_rest_with_its_front_on_a_step(method, dt):
     assert np.abs(end.q - landed.q).max() < 0.3 * (SPEED + ROUNDED)
 
 
-@each_here
+@each_method_and_step
 def test_link_leans_on_an_edge(method, dt):
     # Pitched with its rear on the floor and its axis on the edge's side, held by friction: sphere
     # and edge are in contact off the vertical. tan of the contact normal is below mu: it rests.
@@ -285,7 +284,7 @@ def thrown(method, seed, **settings):
     return scene, State(q, u * [0.5, 0.5, 0.5, 2.0, 2.0, 2.0])
 
 
-@pytest.mark.parametrize('method', [name for name in HERE if name in MIDDLE])
+@pytest.mark.parametrize('method', [name for name in METHODS if name in MIDDLE])
 def test_impacts_take_energy(method):
     # Links thrown over steps: contacts leave no more energy than the step without them has.
     for seed in range(3):
@@ -302,7 +301,7 @@ def test_impacts_take_energy(method):
         assert closed > 0
 
 
-@every_here
+@each_method
 def test_impacts_take_energy_without_gravity(method):
     # Then nothing gives any, either: that holds for steps that start from two states, too. The
     # gyroscopic torque at the start of a step turns omega by (omega dt)^2/2 of it too far.

@@ -11,9 +11,8 @@ from obstacle_scenes import (
     check_agreement,
     check_directions,
     COARSE,
-    each_here,
-    every_here,
-    HERE,
+    each_method,
+    each_method_and_step,
     lying_on,
     only_compiled,
     pushed,
@@ -45,7 +44,7 @@ from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 from snake_sim_ros.stepping.state import initial_state
 
 pytestmark = pytest.mark.long
@@ -106,7 +105,7 @@ def test_directions(seed):
 # ---- steps --------------------------------------------------------------------------------------
 
 
-@every_here
+@each_method
 def test_step_agrees_with_the_dense_one(method):
     closed = 0
     for seed in range(8):
@@ -116,7 +115,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert closed > 8
 
 
-@each_here
+@each_method_and_step
 def test_link_stops_at_a_peg_without_rebound(method, dt):
     # A peg in front of the center: u+ = 0. It is noticed at the first middle of a step inside.
     distance, v = 0.01, 1.0
@@ -132,7 +131,7 @@ def test_link_stops_at_a_peg_without_rebound(method, dt):
     assert abs(report.penetration_max - inside) < 1e-9
 
 
-@each_here
+@each_method_and_step
 @pytest.mark.parametrize('arm', [0.02, -0.03, OFFSET])
 def test_peg_beside_the_center_turns_the_link(method, dt, arm):
     # Frictionless inelastic impact at the lever c from the center, q = m c^2/Theta_1:
@@ -161,7 +160,7 @@ def long_link(method, dt, mu, gravity):
     )  # fmt: skip
 
 
-@each_here
+@each_method_and_step
 @pytest.mark.parametrize('direction', [0.0, 0.7, 2.5])
 def test_link_slides_along_a_peg_by_the_law_of_coulomb(method, dt, direction):
     # Pressed on the peg by m g_y, friction mu m g_y is against the sliding velocity, here in the
@@ -185,7 +184,7 @@ def test_link_slides_along_a_peg_by_the_law_of_coulomb(method, dt, direction):
     assert np.linalg.norm(moved - v**2 / (2 * mu * press) * along) < bound
 
 
-@each_here
+@each_method_and_step
 def test_peg_does_not_hold_what_leaves(method, dt):
     scene = long_link(method, dt, 0.4, (0.0, 0.0, 0.0))
     state = lying((0.1, 0.2, 0.3))
@@ -198,7 +197,7 @@ def test_peg_does_not_hold_what_leaves(method, dt):
 
 # Only `newton` meets pegs in the plane.
 at_both_levels = pytest.mark.parametrize(
-    ('method', 'level'), [('newton', 'planar'), *((name, 'spatial') for name in HERE)]
+    ('method', 'level'), [('newton', 'planar'), *((name, 'spatial') for name in METHODS)]
 )
 
 
@@ -245,7 +244,7 @@ def test_a_peg_is_found_at_the_middle_of_a_step(method, level, share, goes_on):
     assert abs(end.q[0, 1] + (1.0 if goes_on else share) * v * dt) < gap + 1e-4 * v * dt
 
 
-@every_here
+@each_method
 def test_impacts_take_energy(method):
     # A slack robot thrown between pegs, in the plane, where nothing turns but about the vertical:
     # E_E - E_A = u_E . W P - |u_E - u_A|^2/2 is not above 0. The first step of `bdf2` after an

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from obstacle_scenes import anywhere, check_agreement, every_here, HERE, robot_scene
+from obstacle_scenes import anywhere, check_agreement, each_method, robot_scene
 import pytest
 from random_states import EPS, rate_of
 from scenes import course, isotropic, kinetic_energy, RADIUS
@@ -29,7 +29,7 @@ from snake_sim_ros.dynamics.force_directions import mean_delassus, scene_contact
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.posture import chain_coordinates, initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.methods import empty_history, make_stepper
+from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
 
 SLACK = dict.fromkeys(('yaw_stiffness', 'yaw_damping', 'pitch_stiffness', 'pitch_damping'), 0.0)
 
@@ -155,7 +155,7 @@ def test_links_on_each_other_keep_momentum_where_joints_are_open():
         assert np.abs(about.sum(axis=1)).max() < 8 * EPS
 
 
-@every_here
+@each_method
 def test_step_agrees_with_the_dense_one(method):
     # Robots curled up in the air and on the floor, with a peg beside some of them.
     touched = 0
@@ -174,7 +174,7 @@ def test_step_agrees_with_the_dense_one(method):
     assert touched > 6
 
 
-@pytest.mark.parametrize('method', [name for name in HERE if name != 'bdf2'])
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'bdf2'])
 def test_step_with_open_joints_agrees_with_the_dense_one(method):
     # Joints open by a centimeter, as in the middle of a step that turns links by half a radian.
     # `bdf2` has no such joints: its coordinates are their angles.
@@ -192,7 +192,7 @@ def test_step_with_open_joints_agrees_with_the_dense_one(method):
         assert check_agreement(scene, State(q, u), rng, method) > 0
 
 
-@every_here
+@each_method
 def test_ends_of_a_robot_hit_each_other(method):
     # A slack robot in free space whose ends close in on each other: their relative velocity along
     # the normal is 0 after the impact, momentum is kept, energy is lost, nobody else is touched.
@@ -298,7 +298,7 @@ def test_energy_of_a_slack_folded_robot_falls_by_that_of_the_jump(k, method):
     assert -taken_back - slack <= before - after - jump <= pressed + slack
 
 
-@every_here
+@each_method
 def test_a_robot_that_folds_stops_at_itself(method):
     # Joints told to turn by 130 degrees would put the outer links of three through each other:
     # they stop where they touch, at 110 to 115 degrees.
@@ -337,7 +337,7 @@ def test_links_that_overlap_at_the_start_are_refused():
     initial_coordinates(replace(bent(math.radians(44)), self_contact=False))
 
 
-@every_here
+@each_method
 def test_a_folded_robot_of_unequal_links_knows_how_deep_it_is(method):
     # Link 1 along x, link 2 at 90 degrees to it, link 3 at 150: the front sphere of link 1 and the
     # rear one of link 3 are the nearest ones. At rest nothing changes.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from obstacle_scenes import COARSE, HERE
+from obstacle_scenes import COARSE
 import pytest
 from scenes import course, G, slope
 from test_friction import (
@@ -23,6 +23,7 @@ from test_viscous_friction import first_or_second, order
 from snake_sim_ros import Friction, ParameterError, Scene
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
+from snake_sim_ros.stepping.methods import METHODS
 
 pytestmark = pytest.mark.fast
 
@@ -84,7 +85,7 @@ def test_it_comes_to_rest(method, level):
     assert speed[math.floor(0.95 * stop / dt)] > 0.0
 
 
-@pytest.mark.parametrize('method', HERE)
+@pytest.mark.parametrize('method', METHODS)
 def test_rest_and_sliding_are_both_possible_on_a_slope(method):
     # mu_kinetic < tan b < mu_static: what rests stays, what is fast enough gets faster. The speed
     # between is that with mu(v) = tan b.
@@ -102,7 +103,7 @@ def test_rest_and_sliding_are_both_possible_on_a_slope(method):
             assert abs(speed[-1]) < left_over(400)
 
 
-@pytest.mark.parametrize('method', HERE)
+@pytest.mark.parametrize('method', METHODS)
 def test_it_does_not_creep_below_the_threshold(method):
     # A block at rest on a slope: at 0.99 mu_static it holds, at 1.01 it goes.
     for load in (0.99, 1.01):
@@ -145,7 +146,7 @@ def test_all_methods_take_the_dense_step(ratio):
         longitudinal=0.02, transversal=0.1, kinetic_ratio=ratio, stribeck_speed=0.02
     )
     taken = agreeing_at_both_levels(friction, 8, 0.05)
-    assert taken >= 4 * (len(HERE) - 1)
+    assert taken >= 4 * (len(METHODS) - 1)
 
 
 def test_without_a_fall_nothing_changes():

@@ -7,7 +7,6 @@ import math
 
 from flat_states import crooked, flat_robot
 import numpy as np
-from obstacle_scenes import HERE
 from oracle import empty_history, make_stepper
 import pytest
 from scenes import course, G, kinetic_energy, lying, MASS, OFFSET, RADIUS, run, slope
@@ -25,6 +24,7 @@ from snake_sim_ros import Friction, ParameterError, Robot, Scene, Solver
 from snake_sim_ros.scene.obstacles import is_flat
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.methods import METHODS
 
 pytestmark = pytest.mark.fast
 
@@ -107,7 +107,7 @@ def test_a_link_that_turns_slows_down(method, level):
     assert (order(errors) > first_or_second(method) - 0.1).all()
 
 
-@pytest.mark.parametrize('method', HERE)
+@pytest.mark.parametrize('method', METHODS)
 def test_the_load_makes_no_difference(method):
     # On a slope the block reaches m g sin b/c, in any direction and at any load.
     for downhill, weight in ((0.0, 1.0), (1.1, 0.2)):
@@ -160,7 +160,7 @@ def test_it_loads_the_front_of_a_link_that_glides(method, level):
     assert (front - rear) / (front + rear) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize('method', HERE)
+@pytest.mark.parametrize('method', METHODS)
 def test_it_only_takes_energy(method):
     rng = np.random.default_rng(7)
     robot = flat_robot(rng, 4)
@@ -179,7 +179,7 @@ def test_both_levels_take_the_dense_step():
     # As in test_friction.py; `bdf2` is in test_bdf2_reference.py.
     friction = replace(VISCOUS, longitudinal=0.02, transversal=0.1)
     taken = agreeing_at_both_levels(friction, 6, 0.3)
-    assert taken >= 4 * (len(HERE) - 1)
+    assert taken >= 4 * (len(METHODS) - 1)
 
 
 def test_it_is_paid_for_only_where_it_is():

@@ -133,7 +133,9 @@ def test_a_robot_follows_a_path_from_45_degrees_off(scene, seconds, most, name, 
     begin = path.nearest((0.0, 0.0))
     # Link 1 is at the smaller x at heading 0, so that the robot points to -x.
     travel = begin.direction + math.pi / 4
-    heading = math.remainder(travel - Stride.of(scene.gait).bearing - math.pi, 2 * math.pi)
+    heading = math.remainder(
+        travel - Stride.of(scene.gait, scene.friction).bearing - math.pi, 2 * math.pi
+    )
     friction = {
         key: share * getattr(scene.friction, key) for key in ('longitudinal', 'transversal')
     }
@@ -163,7 +165,7 @@ def test_a_follower_runs_from_python_and_starts_anew():
     same = run('lateral_undulation', follow=scene, duration=2.0)
     assert (first.position == same.position).all()
     assert guided.steering.speed == pytest.approx(
-        Stride.of(first.scene.gait).speed(first.scene.gait)
+        Stride.of(first.scene.gait, first.scene.friction).speed(first.scene.gait)
     )
 
 

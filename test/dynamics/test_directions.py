@@ -56,6 +56,14 @@ def contacts(robot):
     return [(a, a % n, 1 if a < n else -1) for a in range(2 * n)]
 
 
+def test_velocities_of_floor_contacts_are_those_of_the_force_directions(free):
+    robot, state = free
+    W_N, W_T, _ = force_directions.contact_directions(robot, frames(state))
+    gamma = force_directions.floor_contact_velocities(robot, state.q, state.u)
+    assert gamma[:, 0] == pytest.approx(W_N.T @ state.u.ravel(), abs=ROUNDING)
+    assert gamma[:, 1:].ravel() == pytest.approx(W_T.T @ state.u.ravel(), abs=ROUNDING)
+
+
 def test_gaps_are_the_heights_of_the_lowest_sphere_points(free):
     robot, state = free
     R = frames(state)

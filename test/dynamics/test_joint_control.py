@@ -93,10 +93,11 @@ def test_the_law_at_a_predicted_end(case):
     dt, (angle, rate), _, reference, K_p, K_d = case
     # All at the end, of which the angle moves with the rate: alpha = alpha* + h (w - w*). For the
     # predicted rate itself it is the law as it stands.
-    torque, damping = implicit_pd_law(dt, angle, rate, reference, (K_p, K_d))
-    for rate_end in (-3.0, 0.0, 2.0, rate):
-        expected = law(K_p, K_d, angle + dt * (rate_end - rate), rate_end, *reference)
-        assert abs(torque - damping * rate_end - expected) < ROUNDING
+    for held in (0.0, 0.7):
+        torque, damping = implicit_pd_law(dt, angle - dt * rate, reference, (K_p, K_d), held)
+        for rate_end in (-3.0, 0.0, 2.0, rate):
+            expected = held + law(K_p, K_d, angle + dt * (rate_end - rate), rate_end, *reference)
+            assert abs(torque - damping * rate_end - expected) < ROUNDING
 
 
 def test_end(case):

@@ -4,16 +4,21 @@
 
 from dataclasses import replace
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from random_states import EPS
 
-from snake_sim_ros import Gait, Robot, Scene, Simulation, Wave
+from snake_sim_ros import Gait, Robot, run, Scene, Simulation, Wave
+from snake_sim_ros.gaits import sidewinding_turns as turns
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_frequency
-from snake_sim_ros.gaits.steering import Steering, Stride
+from snake_sim_ros.gaits.steering import SIDEWAYS, Steering, Stride
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.studies.metrics import turning as turning_of
+from snake_sim_ros.studies.study import run_study, study_from
 
 ROBOT = Robot()
 STRIDE = 0.5  # m
@@ -178,3 +183,50 @@ def test_a_wave_with_next_to_no_frequency_stands_still(tiny, speed):
             ]
             assert found == pytest.approx(wanted, rel=8 * EPS, abs=1e-29)
             assert (gait.yaw.amplitude > 0.0) == (3.0 in frequencies)
+
+
+def turning_rate(speed, turning, friction, side=1.0):
+    """Return the turning rate of sidewinding that is steered, over 4 of its cycles [rad/s]."""
+    scene = load_scene('sidewinding')
+    coefficients = {'friction.longitudinal': friction, 'friction.transversal': friction}
+    phase = {'gait.pitch.phase': side * scene.gait.pitch.phase}
+    scene = with_settings(scene, coefficients | phase)
+    steering = Steering(speed, turning)
+    stride = Stride.of(scene.gait, scene.friction)
+    gait, remarks = steering.gait(scene.gait, scene.robot, stride)
+    assert not remarks
+    cycle = 2 * math.pi / abs(gait.yaw.angular_frequency)
+    duration = math.ceil(scene.gait.soft_start + 5 * cycle)
+    moved = run(replace(scene, gait=gait), duration=float(duration), rate=50)
+    return turning_of(moved.between(duration - 4 * cycle, duration))
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_sidewinding_turns_as_it_is_steered(seed):
+    # Speeds, friction and curvatures within the ranges that docs/controllers.md states.
+    rng = np.random.default_rng(seed)
+    speed, friction = float(rng.uniform(0.05, 0.15)), float(rng.uniform(0.14, 0.26))
+    turning = speed * float(rng.choice([-1.0, 1.0]) * rng.uniform(0.35, 0.8))
+    side = float(rng.choice([-1.0, 1.0]))
+    assert turning_rate(speed, turning, friction, side) == pytest.approx(turning, rel=0.1)
+
+
+@pytest.mark.parametrize(('speed', 'friction'), [(0.06, 0.25), (0.11, 0.15)])
+def test_sidewinding_keeps_its_heading(speed, friction):
+    assert abs(turning_rate(speed, 0.0, friction)) < 0.02 * speed / SIDEWAYS
+
+
+def test_the_map_of_turns_is_that_of_its_study():
+    pytest.importorskip('polars')  # of studies
+    path = Path(__file__).parents[2] / 'examples' / 'sidewinding_turning.yaml'
+    study = parse_yaml(path.read_text(encoding='utf-8'))
+    frictions, frequencies, gradients = study['vary'].values()
+    assert frictions == turns.FRICTIONS.tolist()
+    assert gradients == turns.GRADIENTS.tolist()
+    speeds = SIDEWAYS * np.array(frequencies) / (2 * math.pi)
+    assert speeds == pytest.approx(turns.SPEEDS, rel=1e-4)
+    # One of its rows: friction 0.2, 0.1 m/s, gradient 0.25; rounded to three digits.
+    study['vary'] = dict(zip(study['vary'], ([0.2], [frequencies[2]], [0.25]), strict=True))
+    frame = run_study(study_from(study))
+    turn = frame['turning_rate'][0] * 2 * math.pi / frequencies[2]
+    assert turn == pytest.approx(turns.TURNS[2, 2, 6], abs=5e-4 + 1e-6)

@@ -58,7 +58,9 @@ def command(names=NAMES, position=None, velocity=None, stamp=0.0):
 
 def test_command_replaces_only_the_joints_that_it_names(last):
     names = ['joint_7_pitch', 'joint_2_yaw']
-    taken = joint_command(command(names, [0.3, -0.4], [1.0, -2.0]), last, ROBOT, NOW).reference
+    taken = joint_command(
+        command(names, [0.3, -0.4], [1.0, -2.0]), last, ROBOT, NOW, HORIZON
+    ).reference
     expected = np.full((10, 2), 0.1)
     expected[6, 1], expected[1, 0] = 0.3, -0.4
     rates = np.full((10, 2), 0.5)
@@ -73,9 +75,24 @@ def test_command_replaces_only_the_joints_that_it_names(last):
 
 
 def test_command_without_velocity_stands_still(last):
-    taken = joint_command(command(), last, ROBOT, NOW).reference
+    taken = joint_command(command(), last, ROBOT, NOW, HORIZON).reference
     assert not taken.rate.any()
     assert (taken.angle == 0.2).all()
+
+
+def test_velocities_alone_move_joints_on_from_where_their_references_are(last):
+    message = command(['joint_7_pitch', 'joint_2_yaw'], [], [1.0, -2.0])
+    taken = joint_command(message, last, ROBOT, NOW, HORIZON).reference
+    # The reference before is 0.1 rad at 4.9 s and goes on with 0.5 rad/s for the horizon.
+    assert taken.angle[6, 1] == taken.angle[1, 0] == pytest.approx(0.1 + 0.5 * HORIZON)
+    assert (taken.rate[6, 1], taken.rate[1, 0]) == (1.0, -2.0)
+    for time in (5.02, 5.04):  # a stream of them
+        taken = joint_command(message, taken, ROBOT, time, HORIZON).reference
+    assert taken.angle[1, 0] == pytest.approx(0.1 + 0.5 * HORIZON - 2.0 * 0.04)
+    # At the limit they stay there.
+    for time in np.arange(5.06, 6.0, 0.02):
+        taken = joint_command(message, taken, ROBOT, float(time), HORIZON).reference
+    assert taken.angle[1, 0] == -LIMIT
 
 
 @pytest.mark.parametrize(
@@ -89,20 +106,20 @@ def test_command_without_velocity_stands_still(last):
     ],
 )
 def test_time_of_a_command(last, stamp, meant):
-    taken = joint_command(command(stamp=stamp), last, ROBOT, NOW).reference
+    taken = joint_command(command(stamp=stamp), last, ROBOT, NOW, HORIZON).reference
     assert taken.stamp == pytest.approx(np.full((10, 2), meant), abs=1e-12)
 
 
 def test_negative_stamp_is_of_another_clock(last):
     message = command()
     message.header.stamp = Time(sec=-3)
-    assert (joint_command(message, last, ROBOT, NOW).reference.stamp == NOW).all()
+    assert (joint_command(message, last, ROBOT, NOW, HORIZON).reference.stamp == NOW).all()
 
 
 def test_limits_themselves_are_taken(last):
     limit, rate = ROBOT.joint_limit, ROBOT.joint_rate_limit
     taken = joint_command(
-        command(position=[-limit] * 20, velocity=[rate] * 20), last, ROBOT, NOW
+        command(position=[-limit] * 20, velocity=[rate] * 20), last, ROBOT, NOW, HORIZON
     ).reference
     assert (taken.angle == -limit).all()
     assert (taken.rate == rate).all()
@@ -131,7 +148,7 @@ REJECTED = {
         'joint_command names joint joint_3_yaw more than once',
     ),
     'no positions': (
-        command(position=[], velocity=TWENTY),
+        command(position=[]),
         'length',
         'joint_command must have one position a name: got 0 positions for 20 names',
     ),
@@ -173,7 +190,7 @@ def test_rejected_commands(last, title):
     message, kind, sentence = REJECTED[title]
     before = [part.copy() for part in (last.stamp, last.angle, last.rate)]
     with pytest.raises(RejectedCommand) as error:
-        joint_command(message, last, ROBOT, NOW)
+        joint_command(message, last, ROBOT, NOW, HORIZON)
     assert (error.value.kind, str(error.value)) == (kind, sentence)
     for part, old in zip((last.stamp, last.angle, last.rate), before, strict=True):
         assert (part == old).all()
@@ -181,19 +198,19 @@ def test_rejected_commands(last, title):
 
 def test_late_is_a_matter_of_the_named_joints(last):
     last.stamp[0] = 4.0
-    taken = joint_command(command(['joint_1_yaw'], stamp=4.5), last, ROBOT, NOW).reference
+    taken = joint_command(command(['joint_1_yaw'], stamp=4.5), last, ROBOT, NOW, HORIZON).reference
     assert taken.stamp[0, 0] == pytest.approx(4.5, abs=1e-12)
 
 
 def test_position_beyond_the_joint_limit_is_clamped_and_said(last):
     message = command(['joint_5_yaw', 'joint_6_yaw'], [-0.8, 0.79], [-1.0, 0.0])
-    taken = joint_command(message, last, ROBOT, NOW)
+    taken = joint_command(message, last, ROBOT, NOW, HORIZON)
     assert taken.reference.angle[4:6, 0].tolist() == [-LIMIT, LIMIT]
     assert taken.clamped == (
         'joint_command: position of joint_5_yaw is clamped to the joint limit, +-0.7854 rad; '
         'got -0.8 rad'
     )
-    assert not joint_command(command(), last, ROBOT, NOW).clamped
+    assert not joint_command(command(), last, ROBOT, NOW, HORIZON).clamped
 
 
 # ---- position_commands --------------------------------------------------------------------------
@@ -325,7 +342,7 @@ def test_first_point_at_the_start_is_a_step(still):
 def test_joint_command_takes_its_joints_from_a_trajectory(still):
     moving = taken_trajectory(YAW, (2.0, [0.5, 0.5]), last=still)
     message = command(['joint_1_yaw'], [-0.2])
-    reference = joint_command(message, moving, ROBOT, NOW + 1.0).reference
+    reference = joint_command(message, moving, ROBOT, NOW + 1.0, HORIZON).reference
     angle, _ = sampled(reference, [NOW + 1.5])
     assert angle[0] == pytest.approx([-0.2, 0.4], abs=1e-12)
 
@@ -360,7 +377,7 @@ def test_swing_beyond_the_joint_limit_between_points_is_said(still):
 
 def test_what_is_beyond_the_joint_limit_stands_still_there(last):
     message = command(['joint_1_yaw', 'joint_3_yaw'], [0.75, -0.75], [2.0, -2.0])
-    reference = joint_command(message, last, ROBOT, NOW).reference
+    reference = joint_command(message, last, ROBOT, NOW, HORIZON).reference
     angle, rate = sampled(reference, [NOW + 0.01, NOW + 0.03])
     assert angle == pytest.approx(np.array([[0.77, -0.77], [LIMIT, -LIMIT]]), abs=1e-12)
     assert rate.tolist() == [[2.0, -2.0], [0.0, 0.0]]
@@ -460,14 +477,14 @@ def test_late_is_what_was_said_before_a_trajectory_began(still):
     reference = taken_trajectory(YAW, (1.0, [0.3, 0.3]), last=still)
     late = command(['joint_1_yaw'], [0.0], stamp=NOW - 0.1)
     with pytest.raises(RejectedCommand, match='is late'):
-        joint_command(late, reference, ROBOT, NOW + 0.5)
+        joint_command(late, reference, ROBOT, NOW + 0.5, HORIZON)
     other = command(['joint_5_pitch'], [0.0], stamp=NOW + 0.1)
-    assert joint_command(other, reference, ROBOT, NOW + 0.5).reference.motions
+    assert joint_command(other, reference, ROBOT, NOW + 0.5, HORIZON).reference.motions
 
 
 def test_command_that_goes_beyond_the_limit_with_its_velocity_is_told(last):
     message = command(['joint_2_yaw'], [0.75], [2.0])
-    reference = joint_command(message, last, ROBOT, NOW).reference
+    reference = joint_command(message, last, ROBOT, NOW, HORIZON).reference
     assert not extrapolated(reference, ROBOT, NOW + 0.01, HORIZON)
     assert extrapolated(reference, ROBOT, NOW + 1.0, HORIZON) == (
         'joint_command: joint_2_yaw is clamped to the joint limit, +-0.7854 rad; '
@@ -496,7 +513,7 @@ def test_trajectory_with_a_stamp_of_another_clock_begins_now(still, stamp):
 )
 def test_command_that_jumps_is_told(still, angle, since, needed):
     now = 4.9 + since
-    new = joint_command(command(['joint_2_yaw'], [angle]), still, ROBOT, now).reference
+    new = joint_command(command(['joint_2_yaw'], [angle]), still, ROBOT, now, HORIZON).reference
     told = jump_between('joint_command', still, new, ROBOT, now, horizon=HORIZON, period=0.005)
     expected = (
         f'joint_command: joint_2_yaw jumps from 0.1 rad to {angle:g} rad; {needed} rad/s would '
@@ -509,7 +526,9 @@ def test_command_out_of_a_trajectory_jumps_from_where_that_is(still):
     moving = taken_trajectory(YAW, (2.0, [0.5, 0.5]), last=still)
     now = NOW + 1.0
     for angle, jumps in ((0.31, False), (0.1, True)):
-        new = joint_command(command(['joint_1_yaw'], [angle]), moving, ROBOT, now).reference
+        new = joint_command(
+            command(['joint_1_yaw'], [angle]), moving, ROBOT, now, HORIZON
+        ).reference
         told = jump_between('x', moving, new, ROBOT, now, horizon=HORIZON, period=0.005)
         assert told.startswith('x: joint_1_yaw jumps from 0.3 rad to 0.1 rad; 40 rad/s' * jumps)
         assert bool(told) == jumps
@@ -542,7 +561,7 @@ def test_sampling_is_compiled_once_for_commands_of_all_kinds(still):
     compile_sampling(Scene())
     reference = taken_trajectory(YAW, (0.4, [0.5, 0.5]), (0.8, [0.2, 0.6]), last=still)
     reference = taken_trajectory(YAW, (1.0, [0.0, 0.0], [0.0, 0.0]), last=reference)
-    reference = joint_command(command(['joint_1_yaw']), reference, ROBOT, NOW).reference
+    reference = joint_command(command(['joint_1_yaw']), reference, ROBOT, NOW, HORIZON).reference
     reference.settled(NOW + 0.1).settled(NOW + 2.0)
     reference.sample(NOW + np.arange(5.0), HORIZON, ROBOT.limits)
     for kernel in (sample_command, hold_at_limit, sample_motion):
@@ -572,14 +591,14 @@ def test_settling_changes_nothing(still):
 def test_efforts_are_taken_by_a_robot_that_takes_them():
     robot, last = Robot(effort_commands=True), start_posture(Scene())
     message = JointState(name=NAMES[:2], position=[0.1, 0.0], effort=[1.0, -2.0])
-    taken = joint_command(message, last, robot, 1.0)
+    taken = joint_command(message, last, robot, 1.0, HORIZON)
     axes, torques = taken.effort
     assert axes.tolist() == [0, 1] and torques.tolist() == [1.0, -2.0]
     assert taken.reference.angle.flat[0] == 0.1
-    alone = joint_command(JointState(name=NAMES[3:4], effort=[0.5]), last, robot, 1.0)
+    alone = joint_command(JointState(name=NAMES[3:4], effort=[0.5]), last, robot, 1.0, HORIZON)
     assert alone.reference is last and alone.effort[1].tolist() == [0.5]
     # A robot with position control only follows the positions, as of a joint_states message.
-    assert joint_command(message, last, ROBOT, 1.0).effort is None
+    assert joint_command(message, last, ROBOT, 1.0, HORIZON).effort is None
 
 
 @pytest.mark.parametrize(
@@ -589,4 +608,4 @@ def test_efforts_are_taken_by_a_robot_that_takes_them():
 def test_efforts_that_are_not_usable_are_rejected(effort, said):
     message = JointState(name=NAMES[:2], position=[0.0, 0.0], effort=effort)
     with pytest.raises(RejectedCommand, match=said):
-        joint_command(message, start_posture(Scene()), Robot(effort_commands=True), 1.0)
+        joint_command(message, start_posture(Scene()), Robot(effort_commands=True), 1.0, HORIZON)

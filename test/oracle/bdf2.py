@@ -58,6 +58,7 @@ from oracle.contact_laws import (
     viscosity,
 )
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from oracle.pushes import generalized, not_pushed, Pushed, stretches_of
 from snake_sim_ros import Robot, Scene, State
 from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
 from snake_sim_ros.contact.detection import LANDING_SPEED
@@ -81,7 +82,7 @@ from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Motion
 from snake_sim_ros.stepping.bdf2.step import MOST_CLOSINGS, PRESS_SPEED
 from snake_sim_ros.stepping.model import MOST_CONDENSED, PROXIMAL
-from snake_sim_ros.stepping.pushes import NO_PUSHES, not_pushed, Pushed, PushTable, STEP, Stretch
+from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable, STEP, Stretch
 from snake_sim_ros.stepping.state import History
 
 FALLS = 200  # iterations of factors of friction, at most
@@ -586,7 +587,7 @@ def step(
         history = history._replace(memory=recognized(scene.robot, state, memory))
         inside = np.array([depth_of(scene, state)])
         history = history._replace(memory=history.memory._replace(depth=inside))
-    stretches = pushes.stretches()
+    stretches = stretches_of(pushes)
     history = after_change(history, pushes, stretches[0])
     while done < TICKS:
         while done % size:
@@ -595,7 +596,7 @@ def step(
         length = (stretch.end - stretch.begin) / STEP
         late = (stretch.begin - stretch.step_end) / STEP + length * (done + size) / TICKS
         dt, late = scene.dt * length * size / TICKS, scene.dt * (late + 0.5)
-        told, pushed = references(scene, known, angle, rate, late), pushes.generalized
+        told, pushed = references(scene, known, angle, rate, late), partial(generalized, pushes)
         end = part(scene, history, dt, *told, takes_part, partial(pushed, stretch))
         takes_part = takes_part | end.took_part
         depth, before = max(0.0, -float(end.gap.min())), history.memory.depth[0]

@@ -27,6 +27,7 @@ from oracle.contact_laws import (
 )
 from oracle.joint_drift import furthest_angles, without_drift
 from oracle.joint_laws import dense_laws, solve_laws_of_axes
+from oracle.pushes import generalized, step_of
 from snake_sim_ros import Report, Scene, Solver, State
 from snake_sim_ros.contact.closing import closed_gap, DEEP
 from snake_sim_ros.contact.detection import reach_of_step
@@ -56,7 +57,7 @@ from snake_sim_ros.stepping.base import divergence
 from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
 from snake_sim_ros.stepping.samples import Samples
-from snake_sim_ros.stepping.state import check_arguments, copied, empty_history, History
+from snake_sim_ros.stepping.state import copied, empty_history, History, Returned
 
 
 def dense_control(
@@ -258,7 +259,7 @@ class DenseStepper:
     ) -> tuple[State, History, Report]:  # fmt: skip
         """Return state, history and report after as many steps as there are references."""
         links = self.scene.robot.link_count
-        check_arguments(links, self.empty_history(), state, history, angle, rate)
+        Returned(links, self.empty_history()).check(state, history, angle, rate)
         report = Report()
         for step_angle, step_rate in zip(angle, rate, strict=True):
             acting = pushes.after(report.steps)
@@ -368,7 +369,7 @@ class DenseStepper:
         deep = gap - way < -2 * np.abs(way) - DEEP
         W_tau = torque_directions(robot, R)
         h = smooth_forces(robot, np.array(scene.gravity), state.u)
-        h += pushes.generalized(pushes.step(), R)
+        h += generalized(pushes, step_of(pushes), R)
         # (75): M (u_E - u_A) - h dt - S - W_J P_J = tau_C dt. What an implicit controller takes
         # from u_E joins the mass matrix.
         friction = obstacles.contact_friction(scene, active, q_M)

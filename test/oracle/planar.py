@@ -16,6 +16,7 @@ import numpy as np
 
 from oracle.contact_laws import falling, prox_half_ellipses, viscosity
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
+from oracle.pushes import generalized, step_of
 from snake_sim_ros import Robot, Scene
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.scene.obstacles import floor_friction
@@ -279,7 +280,7 @@ class DenseLoop:
         low = np.where(angle_mid <= stop[..., 0], 0.0, -np.inf)
         high = np.where(angle_mid >= stop[..., 1], 0.0, np.inf)
         laws = dense_laws(model.joint_laws, dt, torque, damping, low, high)
-        force = pushes.generalized(pushes.step(), flat_frames(theta)).reshape(-1, 6)
+        force = generalized(pushes, step_of(pushes), flat_frames(theta)).reshape(-1, 6)
         M, momentum = np.diag(mass), mass * u.ravel() + dt * force[:, [0, 1, 4]].ravel()
         viscous = dt * viscosity(self.scene, np.arange(len(floor)), floor[:, 4], 0.0)
         return Terms(theta, floor[:, :3], W_J, W_T, W_tau, M, momentum, laws, viscous, M)

@@ -10,7 +10,6 @@ import re
 
 from modular import modular_robot
 import numpy as np
-from obstacle_scenes import HERE
 import pytest
 from scenes import DT, EPS, every_method, isotropic, MASS, ROBOT, slope
 from schemes import press_of
@@ -39,6 +38,7 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import simulate
 
@@ -247,7 +247,7 @@ def test_wrenches_are_sums_of_forces_and_their_moments():
     assert (np.abs(wrench).max(axis=1) == 0).any()  # links in the air
 
 
-@pytest.mark.parametrize('method', HERE)  # pegs are compiled for these, see obstacle_scenes
+@pytest.mark.parametrize('method', METHODS)
 def test_a_robot_at_a_peg_feels_it(method):
     # On a slope without friction it leans with its first link against a peg: m g sin.
     angle, dt = 0.1, 1 / 400

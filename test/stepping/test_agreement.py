@@ -22,10 +22,9 @@ from snake_sim_ros import Friction, Report, Scene, Solver, State
 from snake_sim_ros.contact.laws import PRESS_SPEED
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import (
-    articulated_inertia,
     articulated_velocity,
     factor,
-    Joints,
+    factor_chain,
     solve,
 )
 from snake_sim_ros.dynamics.kinematics import chain_geometry, make_joint_frames
@@ -33,7 +32,7 @@ from snake_sim_ros.scene import gait, posture
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, METHODS
-from snake_sim_ros.stepping.model import PROXIMAL
+from snake_sim_ros.stepping.model import make_workspace, PROXIMAL
 from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 pytestmark = pytest.mark.long
@@ -417,13 +416,12 @@ def test_sweeps_solve_the_constrained_chain(link_count):
         damping = damping @ np.swapaxes(damping, 1, 2)
         entries = damping[:, [0, 0, 1], [0, 1, 1]]
 
-        swept = inertia.copy()
-        left, right, compliance = *np.empty((2, n - 1, 2, 6)), np.empty((n - 1, 4))
-        load, rates = np.empty((2, n - 1, 2))
-        twist = np.empty((n, 6))
-        joints = Joints(axis, entries, left, right, compliance, load)
-        articulated_inertia(joints, swept)
-        articulated_velocity(joints, swept[root], torque, wrench, rates, twist)
+        chain = make_workspace(replace(Scene(), robot=robot)).chain._replace(
+            axis=axis, damping=entries, inertia=inertia.copy(), wrench=wrench
+        )
+        rates, twist = np.empty((n - 1, 2)), np.empty((n, 6))
+        factor_chain(chain)
+        articulated_velocity(chain, torque, rates, twist)
 
         # One system for the twists V of all links and the impulses of all joints, split into
         # N lambda (a constraint: what S does not span) and S (S^T S)^-1 (torque - D q'):

@@ -352,7 +352,7 @@ def test_memories_that_do_not_fit_are_refused(method, level):
                 stepper.advance(state, history, still, still)
 
 
-# Histories by what methods keep in them, with a word for it; see `state.check_arguments`.
+# Histories by what methods keep in them, with a word for it; see `state.check_history`.
 KINDS = {
     'None': ('newton', 'spatial'),
     'Bdf2Memory': ('bdf2', 'spatial'),

@@ -26,9 +26,7 @@ ROUNDED = 1e-10  # m/s
 SOLVER = Solver(iteration_limit=300)
 FLOORS = {'space': (0.0, 0.0, 0.0), 'floor': (0.0, 0.0, -9.81)}
 
-each_method = pytest.mark.parametrize(
-    'method', METHODS if WITHOUT_COMPILER else ['newton', 'bdf2']
-)
+each_method = pytest.mark.parametrize('method', METHODS)
 each_dt = pytest.mark.parametrize('dt', [1 / 4000, 1 / 100])
 each_level = pytest.mark.parametrize(
     ('level', 'floor'), [('planar', 'floor'), ('spatial', 'floor'), ('spatial', 'space')]

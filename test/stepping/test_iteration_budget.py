@@ -44,7 +44,7 @@ def counted(needs, budget):
     """Return the stepper, the budget and the report after a period of steps with these needs."""
     stepper, shared = Counter(needs), IterationBudget()
     shared.share = budget / STEPS
-    end, _, report = shared.advance(stepper, MOST, 0, None, ANGLE, ANGLE)
+    end, _, report = shared.spend(stepper, MOST, 0, None, (ANGLE, ANGLE))
     assert (end, report.steps, stepper.limit) == (STEPS, STEPS, MOST)
     assert shared.cycles.tolist() == [10 * k for k in range(STEPS + 1)]
     return stepper, shared, report

@@ -51,7 +51,7 @@ def test_what_a_start_loads_is_all_that_a_package_needs(tmp_path):
     assert folder.name == code_cache.identity()
     assert (folder / code_cache.MADE_FOR).read_text() == f'{code_cache.versions()}\n'
     files = [path for path in folder.rglob('*') if path.is_file()]
-    assert any(path.name.startswith('moreau.advance_moreau') for path in files)
+    assert any(path.name.startswith('steps.advance') for path in files)
     # What is inside of other functions is not there.
     assert not any('find_contacts' in path.name for path in files)
     for path in files:

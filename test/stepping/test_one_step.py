@@ -41,6 +41,7 @@ from test_planar import EXACT, HELD
 from snake_sim_ros import Friction, Robot, Scene, Solver, State
 from snake_sim_ros.contact.closing import gaps_to_close, MOST_CLOSED
 from snake_sim_ros.contact.contacts import make_contacts
+from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.force_directions import joint_gaps
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, PD_SCHEMES
 from snake_sim_ros.scene.posture import center_of_mass, chain_coordinates, joint_angles
@@ -276,14 +277,18 @@ def test_a_link_thrown_on_into_the_floor_is_not_thrown_out(depth, speed):
         assert np.abs(end.u).max() < SPEED / OFFSET
 
 
+@compiled
+def marked(most, closed, contacts):
+    """Return the largest gap that is to be closed; see `closing.gaps_to_close`."""
+    return gaps_to_close(most, 0.0, closed, contacts)[0]
+
+
 def test_what_is_no_error_of_a_step_is_not_closed_by_a_move():
     # Loaded contacts close from either side, the others only if they are inside; none that is
     # farther away than a step leaves it.
-    gaps = np.array([-1.01, -0.99, 0.99, 1.01, -0.5, 0.5]) * 1e-2
     contacts = make_contacts(np.zeros((6, 2), dtype=int))
-    solution, newton = contacts.solution, contacts.newton
-    for a in range(6):
-        solution.end_gap[a], solution.is_loaded[a] = gaps[a], int(a < 4)
-    to_close, _ = gaps_to_close(MOST_CLOSED, 0.0, np.arange(6), contacts)
+    contacts['solution']['end_gap'][:] = np.array([-1.01, -0.99, 0.99, 1.01, -0.5, 0.5]) * 1e-2
+    contacts['solution']['is_loaded'][:] = 1, 1, 1, 1, 0, 0
+    to_close = marked(MOST_CLOSED, np.arange(6), contacts)
     assert to_close == pytest.approx(0.99 * MOST_CLOSED)
-    assert [newton.S_N[a] for a in range(6)] == [0.0, 1.0, 1.0, 0.0, 1.0, 0.0]
+    assert contacts['newton']['S_N'].tolist() == [0.0, 1.0, 1.0, 0.0, 1.0, 0.0]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from oracle import bdf2 as dense_bdf2, empty_history, make_stepper, ORACLE
+from oracle.pushes import generalized, step_of
 import pytest
 from scenes import (
     EPS,
@@ -241,7 +242,7 @@ def test_shares_of_all_steps_make_the_impulse():
         push = make_push(0, FORCE, TORQUE, False, start, duration)
         assert 0 <= push.begin <= STEP * start + 0.01 < push.begin + 1.01
         pushes, frames = make_table([push], 5), np.eye(3)[None]
-        total = sum(pushes.generalized(pushes.step(k), frames) for k in range(-5, 30))
+        total = sum(generalized(pushes, step_of(pushes, k), frames) for k in range(-5, 30))
         assert total == pytest.approx(duration * np.concatenate([FORCE, TORQUE]), rel=1e-13)
 
 

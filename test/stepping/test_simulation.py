@@ -14,7 +14,7 @@ from snake_sim_ros.recording.recorded_runs import write_npz
 from snake_sim_ros.scene.parameters import load_scene, scene_from_text, steps_in, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.sampling import joint_motion, Keep, LEAST_STEPS, Limits
+from snake_sim_ros.stepping.sampling import Hooks, joint_motion, Keep, LEAST_STEPS, Limits
 from snake_sim_ros.stepping.simulation import sample, simulate
 from snake_sim_ros.stepping.state import initial_state
 
@@ -206,7 +206,7 @@ def test_an_interruption_is_raised_where_nobody_waits_for_a_part(scene):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        sample(Simulation(scene), 40, 5, observe=observe)
+        sample(Simulation(scene), 40, 5, hooks=Hooks(observe=observe))
 
 
 def test_a_sampler_keeps_what_it_is_asked_for(scene):
@@ -258,7 +258,7 @@ def test_a_gait_that_changes_while_it_is_sampled_is_followed(scene):
         if simulation.step_count == 40:
             simulation.change(faster)
 
-    found = sample(Simulation(scene), 40, 3, observe=observe)
+    found = sample(Simulation(scene), 40, 3, hooks=Hooks(observe=observe))
     expected = Simulation(scene)
     expected.advance(*expected.gait_reference(40))
     expected.change(faster)

@@ -27,7 +27,8 @@ SERVER = multiprocessing.get_context('forkserver')
 SERVER.set_forkserver_preload(
     [
         'snake_sim_ros.commands.main', 'snake_sim_ros.nodes.graph',
-        *(f'snake_sim_ros.nodes.{name}_node' for name in ('sim', 'gait', 'follow', 'viewer')),
+        *(f'snake_sim_ros.nodes.{name}_node' for name in ('sim', 'gait', 'control', 'follow')),
+        'snake_sim_ros.nodes.viewer_node',
         'geometry_msgs.msg', 'nav_msgs.msg', 'sensor_msgs.msg', 'std_msgs.msg', 'std_srvs.srv',
         'viser', 'pytest', 'loaded_physics',
     ]

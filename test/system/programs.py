@@ -24,9 +24,9 @@ def next_domain() -> int:
 
     Processes that test at the same time (pytest-xdist) have a range of domains each.
     """
-    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]) % 2
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]) % 3
     start = os.getppid() if 'PYTEST_XDIST_WORKER' in os.environ else os.getpid()
-    return 1 + 50 * worker + (7 * start + next(_counter)) % 50
+    return 1 + 33 * worker + (7 * start + next(_counter)) % 33
 
 
 def environment(domain: int) -> dict[str, str]:

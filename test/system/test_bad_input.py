@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from sim_client import SimClient
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.nodes import follow_node, gait_node, sim_node
+from snake_sim_ros.nodes import control_node, follow_node, gait_node, sim_node
 from snake_sim_ros.scene.parameters import load_scene
 
 GOOD = {name: 0.2 if name.endswith('yaw') else 0.0 for name in NAMES}
@@ -329,6 +329,21 @@ BAD_STARTS = {
         ['folow.speed:=1.0'],
         "unknown parameter 'folow.speed'; did you mean 'follow.speed'?",
     ),
+    'no controller': (
+        'control',
+        [],
+        'scene lateral_undulation has no controller: give one by controller.name, or a path; ',
+    ),
+    'controller': (
+        'control',
+        ['controller.name:=oscillator'],
+        "unknown controller 'oscillator'; did you mean 'oscillators'?",
+    ),
+    'values of a controller': (
+        'control',
+        ['controller.name:=oscillators', 'controller.gains:=2.0'],
+        'controller oscillators takes coupling, gain, period; got gains',
+    ),
     'gait': (
         'gait',
         ['gait.yaw.amplitud:=0.2'],
@@ -337,10 +352,13 @@ BAD_STARTS = {
 }
 
 
+NODES = {'sim': sim_node, 'gait': gait_node, 'control': control_node, 'follow': follow_node}
+
+
 def start_all(cases):
     """Start nodes one after the other, as their launchers do; none of them gets to run."""
     for name, arguments in cases:
-        main = {'sim': sim_node, 'gait': gait_node, 'follow': follow_node}[name].main
+        main = NODES[name].main
         print('ended with', main([name, '--ros-args', *arguments]), flush=True)
     return 0
 

@@ -196,7 +196,7 @@ def test_installed_layout(tmp_path):
     subprocess.run([*command, str(copy)], check=True, timeout=120, env=environment)
     assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()
     assert (prefix / 'share/snake_sim_ros/package.xml').is_file()
-    for name in ('sim', 'gait', 'follow', 'viewer', 'snake-sim'):
+    for name in ('sim', 'gait', 'control', 'follow', 'viewer', 'snake-sim'):
         assert os.access(prefix / 'lib/snake_sim_ros' / name, os.X_OK)
         assert os.access(prefix / 'bin' / name, os.X_OK)
     assert (prefix / 'share/snake_sim_ros/launch/snake.launch.py').is_file()

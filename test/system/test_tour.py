@@ -178,15 +178,15 @@ def found(node, name):
     return rows
 
 
-@pytest.mark.parametrize('name', ['sim', 'gait', 'follow'])
+@pytest.mark.parametrize('name', ['sim', 'gait', 'control', 'follow'])
 def test_tables_are_what_the_nodes_have(toured, name):
     said = table(f'## Interface of `{name}`')
     if not TransformMessages.available:
         said = {row for row in said if not row[2].startswith('tf2_msgs')}
     absolute = ('/', '~')
     said = {(d, n if n.startswith(absolute) else f'/{n}', k) for d, n, k in said}
-    if name == 'follow':
-        toured.graph.start(name)
+    if name in ('control', 'follow'):
+        toured.graph.start(name, 'follow.center:=[0.0, -1.5]')
         toured.graph.until(lambda: name in toured.graph.node.get_node_names(), name)
         toured.graph.until(lambda: found(toured.graph.node, name) == said, 'its topics', 20.0)
     assert found(toured.graph.node, name) == said

@@ -24,8 +24,8 @@ from snake_sim_benchmarks.comparison.baselines.integrators import (
 )
 from snake_sim_benchmarks.comparison.mujoco_model import MujocoSettings
 from snake_sim_benchmarks.comparison.mujoco_runs import mujoco_trajectory
+from snake_sim_benchmarks.energy import mechanical_energy
 from snake_sim_ros import Friction, ParameterError, Robot, Scene, Simulation, State
-from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.methods import make_stepper

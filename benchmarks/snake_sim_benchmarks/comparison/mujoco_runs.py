@@ -29,8 +29,8 @@ from snake_sim_benchmarks.comparison.paths import (
     step_count,
 )
 from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
+from snake_sim_benchmarks.energy import BALANCE_TIME, imbalance
 from snake_sim_ros import ParameterError, Report, Scene, State
-from snake_sim_ros.dynamics.energy import BALANCE_TIME, imbalance
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array, steps_in
 from snake_sim_ros.scene.posture import joint_angles, joint_rates

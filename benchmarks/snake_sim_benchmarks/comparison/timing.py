@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from snake_sim_benchmarks.comparison.paths import extrapolated, Motion, path_error, SAMPLING_PERIOD
+from snake_sim_benchmarks.energy import balance_error, BALANCE_TIME
 from snake_sim_ros import Report, Robot, Scene, Simulation, State
 from snake_sim_ros.contact.newton import Newton
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled, COUNTS_CYCLES, cycle_counter
-from snake_sim_ros.dynamics.energy import balance_error, BALANCE_TIME
 from snake_sim_ros.dynamics.spatial_vectors import factor
 from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.parameters import (
@@ -45,7 +45,7 @@ from snake_sim_ros.stepping.moreau import begin_step, end_step, solve_step
 from snake_sim_ros.stepping.planar import moreau as planar
 from snake_sim_ros.stepping.planar.solvers import PlanarNewton
 from snake_sim_ros.stepping.planar.stepper import PlanarStepper
-from snake_sim_ros.stepping.sampling import Keep, Limits
+from snake_sim_ros.stepping.sampling import Hooks, Keep, Limits
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.steps import Steps
@@ -218,7 +218,9 @@ def timed(
         cycles.append(np.diff(simulation.stepper.cycles[: simulation.last.steps + 1]))
 
     start = time.perf_counter(), cycle_counter()
-    trajectory = sample(simulation, steps, samples, limits=Limits(seconds=limit), progress=note)
+    trajectory = sample(
+        simulation, steps, samples, limits=Limits(seconds=limit), hooks=Hooks(progress=note)
+    )
     wall, ticks = time.perf_counter() - start[0], cycle_counter() - start[1]
     microseconds = tick_length(wall, ticks) * np.concatenate(cycles)
     return TimedRun(
@@ -414,7 +416,7 @@ TIMED_STEPS = 1000
 
 @compiled
 def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -> None:
-    """Do what `advance_moreau` does, with a time stamp after every stage, and a sweep apart."""
+    """Do what `take_moreau_step` does, with a time stamp after every stage, and a sweep apart."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         problem = begin_step(model, work, steps, k)
@@ -432,7 +434,7 @@ def spatial_stages(model: Model, work: Workspace, steps: Steps, stamps: Array) -
 
 @compiled
 def planar_stages(model: Any, work: Any, steps: Steps, stamps: Array) -> None:
-    """Do what `advance_in_plane` does, with a time stamp after every stage."""
+    """Do what `take_planar_step` does, with a time stamp after every stage."""
     for k in range(len(steps.angle)):
         stamps[k, 0] = cycle_counter()
         count = planar.begin_planar_step(model, work, steps, k)

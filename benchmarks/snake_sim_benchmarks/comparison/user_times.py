@@ -32,7 +32,7 @@ from snake_sim_benchmarks.comparison.bench_tables import (
 from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.controllers.controller import going_on, Reference
 from snake_sim_ros.scene.parameters import samples_of
-from snake_sim_ros.stepping.sampling import Command, Keep
+from snake_sim_ros.stepping.sampling import Command, Hooks, Keep
 from snake_sim_ros.stepping.simulation import sample, simulate
 
 USER_CASES = ('lateral_undulation', 'sidewinding')  # in the plane, and in space
@@ -100,7 +100,9 @@ def _controlled(scene: Scene) -> float:
 
     steps, samples = samples_of(scene, RATE)
     keep = Keep(contacts=True)
-    return sample(simulation, steps, samples, keep=keep, command=Command(follow, steps)).seconds
+    return sample(
+        simulation, steps, samples, keep=keep, hooks=Hooks(Command(follow, steps))
+    ).seconds
 
 
 def _small_calls(scene: Scene) -> dict[str, float]:

@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
+from snake_sim_benchmarks.energy import mechanical_energy, work_of_steps
 from snake_sim_ros import Friction, Scene, Simulation, Wave
-from snake_sim_ros.dynamics.energy import mechanical_energy, work_of_steps
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array, load_scene, steps_in
 from snake_sim_ros.scene.posture import joint_angles

@@ -52,11 +52,13 @@ def controller_torques(scene: Scene, state: State, q_M: Array, angle: Array, rat
     robot, scheme = scene.robot, PD_SCHEMES.index(scene.pd_scheme)
     starts = np.stack([joint_angles(state.q), joint_rates(state.q, state.u)], -1)
     mids = np.stack([joint_angles(q_M), joint_rates(q_M, state.u)], -1)
-    kp, kd = robot.per_joint('stiffness'), robot.per_joint('damping')
-    torque = np.zeros(kp.shape)
-    for axis in np.ndindex(kp.shape):
-        looked_at = tuple(starts[axis]), tuple(mids[axis]), (angle[axis], rate[axis])
-        torque[axis], _ = pd_law(scheme, scene.dt, *looked_at, (kp[axis], kd[axis]))
+    references = np.stack([angle, rate], -1)
+    gains = np.stack([robot.per_joint('stiffness'), robot.per_joint('damping')], -1)
+    torque = np.zeros(angle.shape)
+    for axis in np.ndindex(angle.shape):
+        rows = (each[axis].tolist() for each in (starts, mids, references, gains))
+        start, mid, reference, gain = ((first, second) for first, second in rows)
+        torque[axis], _ = pd_law(scheme, scene.dt, start, mid, reference, gain)
     return torque.ravel()
 
 

@@ -27,10 +27,10 @@ from snake_sim_benchmarks.coordinates import (
     middle_coordinates,
     with_unit_parameters,
 )
+from snake_sim_benchmarks.energy import mechanical_energy
 from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_gaps,

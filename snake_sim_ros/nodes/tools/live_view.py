@@ -68,7 +68,7 @@ def view_live(source: str | None, host: str, port: int, open_browser: bool) -> i
 def can_be_steered(scene: Scene) -> bool:
     """Return whether a path can be followed with the gait of a scene."""
     try:
-        speed_along(scene.follow, scene.gait, Stride.of(scene.gait))
+        speed_along(scene.follow, scene.gait, Stride.of(scene.gait, scene.friction))
     except ParameterError:
         return False
     return True

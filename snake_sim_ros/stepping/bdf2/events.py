@@ -195,7 +195,7 @@ def place_end(
     q_start, all return to their depths there: the step undoes no more than it did.
     """
     count, h_q, most_closings, was_deep = ending
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, pairs = problem
     geometry, solution = contacts.geometry, contacts.solution
     robot, move = model.robot, own.closing
     for a in closed:
@@ -209,7 +209,7 @@ def place_end(
         to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
         if to_close > left and attempt < most_closings:
             more = add_closing(closed, count, contacts)
-            closing = Problem(laws, closed[:more], contacts, chain)
+            closing = Problem(laws, closed[:more], contacts, chain, pairs)
             if more > count:
                 count = more
                 condense_anew(work.operator, closing)
@@ -234,9 +234,9 @@ def deep_contacts_take_part(model: Model, work: Workspace, q: Array) -> bool:
     """
     found, contacts = False, work.contacts
     link_frames(q[:, 3:], work.R)
-    pose = Pose(q, work.R, work.center)
+    pose = Pose(model.robot, q, work.R, work.center)
     table = Found(work.closed, contacts, work.chain.frame)
-    count = find_contacts(model.obstacles, -DEEP, model.robot, pose, table)
+    count = find_contacts(model.obstacles, -DEEP, pose, table)
     for a in work.closed[:count]:
         if contacts.geometry.takes_part[a] == 0:
             contacts.geometry.takes_part[a], found = 1, True

@@ -14,13 +14,17 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
+from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
-from snake_sim_ros.stepping.state import History
+
+if TYPE_CHECKING:
+    from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
+    from snake_sim_ros.stepping.planar.bdf2 import PlanarBdf2Memory
 
 # Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
 UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
@@ -32,6 +36,7 @@ LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
 
 
+TwoSteps: TypeAlias = 'Bdf2Memory | PlanarBdf2Memory'
 References = tuple[Array, Array]  # of the joints, (n-1, 2): angles [rad] and rates [rad/s]
 
 
@@ -42,7 +47,7 @@ def least_iterations(limit: int) -> int:
 
 
 @inlined
-def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
+def coefficients(dt: float, memory: TwoSteps) -> tuple[float, float, float, float]:
     """
     Return w and c of the formula, h, and the time for which rates act on the state before it.
 
@@ -56,7 +61,7 @@ def coefficients(dt: float, memory: Any) -> tuple[float, float, float, float]:
 
 
 @inlined
-def first_size(dt: float, path_tolerance: float, memory: Any) -> int:
+def first_size(dt: float, path_tolerance: float, memory: TwoSteps) -> int:
     """Return the ticks of the first part of a step of dt [s]."""
     if memory.phase[0] != SMOOTH:
         goes_on = memory.span[0] > 0.0 and memory.ticks[0] > 0.0
@@ -101,7 +106,7 @@ def path_error(dt: float, axes: int, u: Array, u_star: Array) -> float:
 
 @inlined
 def end_references(
-    dt: float, late: float, known: bool, reference: References, memory: Any, to: References
+    dt: float, late: float, known: bool, reference: References, memory: TwoSteps, to: References
 ) -> None:
     """
     Fill the joint references of a part that ends `late` [s] after the middle of a step of dt [s].
@@ -120,7 +125,7 @@ def end_references(
 
 
 @inlined
-def keep_references(size: int, rate: Array, memory: Any) -> None:
+def keep_references(size: int, rate: Array, memory: TwoSteps) -> None:
     """Keep the ticks of the next part, and the rates of the references of the step that ends."""
     memory.ticks[0] = size
     for j in range(len(rate)):
@@ -129,7 +134,7 @@ def keep_references(size: int, rate: Array, memory: Any) -> None:
 
 
 @inlined
-def copy_history(history: History, to: History) -> None:
+def copy_history(history: ContactHistory, to: ContactHistory) -> None:
     """Copy impulses, velocities and changes of the contacts."""
     copy_rows(history.impulse, to.impulse, 5)
     copy_rows(history.velocity, to.velocity, 5)
@@ -157,7 +162,9 @@ class Place(NamedTuple):
 
 
 @inlined
-def first_place(dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: Any) -> Place:
+def first_place(
+    dt: float, path_tolerance: float, pushes: PushTable, k: int, memory: TwoSteps
+) -> Place:
     """Return the `Place` at the start of step k, of dt [s]."""
     step = whole_step(pushes, k)
     stretch = stretch_from(pushes, step.begin, step.end, memory)
@@ -165,7 +172,7 @@ def first_place(dt: float, path_tolerance: float, pushes: PushTable, k: int, mem
 
 
 @inlined
-def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: Any) -> Place:
+def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: TwoSteps) -> Place:
     """Return the `Place` after a part that was taken or not, for a next one of `size` ticks."""
     stretch, done, parts = place.stretch, place.done, place.parts
     if taken:
@@ -179,7 +186,7 @@ def next_place(place: Place, taken: bool, size: int, pushes: PushTable, memory: 
 
 
 @inlined
-def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: Any) -> Stretch:
+def stretch_from(pushes: PushTable, begin: int, step_end: int, memory: TwoSteps) -> Stretch:
     """
     Return the `Stretch` of a step from a tick on in which pushes are constant.
 

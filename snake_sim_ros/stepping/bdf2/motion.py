@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.detection import penetration
+from snake_sim_ros.contact.problem import ContactHistory, make_contact_history
 from snake_sim_ros.dynamics.balance import joint_rates
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_drift import joint_violation_rate
@@ -34,7 +35,6 @@ from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import ANEW, coefficients, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.model import Model, Workspace
-from snake_sim_ros.stepping.state import History, make_history
 
 CONSISTENT_SPEED = 1e-9  # largest speed of joint gaps at which velocities fit the joints [m/s]
 
@@ -220,11 +220,11 @@ class Bdf2Arrays(NamedTuple):
     end: Motion  # end of the step
     moving: Motion  # its rate, and u of the middle link, move the coordinates to the end
     closing: Motion  # its velocities close gaps
-    q: Array  # (n, 7) coordinates at the end
+    q: Array  # (n, 7) coordinates at the end [m, frame I], [1]
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
-    kept: History  # before a part of the step
-    q_start: Array  # (n, 7) state at the start of the step of the scene
+    kept: ContactHistory  # before a part of the step
+    q_start: Array  # (n, 7) coordinates at the start of the step of the scene [m, frame I], [1]
     u_start: Array  # (n, 6) and its velocities [m/s, frame I], [rad/s, frame B]
 
 
@@ -241,7 +241,7 @@ def make_arrays(n: int, contacts: int) -> Bdf2Arrays:
     joints = np.zeros((n - 1, 2))
     return Bdf2Arrays(
         make_motion(n), make_motion(n), make_motion(n), make_motion(n), make_motion(n),
-        np.zeros((n, 7)), joints, joints.copy(), make_history(contacts),
+        np.zeros((n, 7)), joints, joints.copy(), make_contact_history(contacts),
         np.zeros((n, 7)), np.zeros((n, 6)),
     )  # fmt: skip
 

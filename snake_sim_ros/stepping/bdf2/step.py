@@ -55,17 +55,19 @@ from snake_sim_ros.dynamics.balance import (
     link_inertia,
     smooth_momentum,
 )
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
-from snake_sim_ros.dynamics.joint_control import held_torque, read_by_controllers, torques_jump
+from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.joint_control import (
+    held_torque,
+    implicit_pd_law,
+    read_by_controllers,
+    torques_jump,
+)
 from snake_sim_ros.dynamics.joint_laws import (
-    begin_axis,
     begin_axis_impact,
+    begin_predicted_laws,
     controller_impulses,
-    first_law,
     joint_laws_change,
-    JointLaws,
     MOST_CHANGES,
-    stop_at_end,
     Trial,
 )
 from snake_sim_ros.dynamics.kinematics import copy_rows
@@ -112,14 +114,15 @@ from snake_sim_ros.stepping.bdf2.motion import (
 from snake_sim_ros.stepping.model import Model, Workspace
 from snake_sim_ros.stepping.moreau import report_end, turns_are_small
 from snake_sim_ros.stepping.pushes import add_pushes
-from snake_sim_ros.stepping.state import History, without_memory
+from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_sample,
+    LoopReport,
     note_outcome,
     noted,
     Steps,
+    take_step,
 )
 
 # Replaces `laws.PRESS_SPEED`, which is not small beside errors of second order: loads of a
@@ -135,27 +138,13 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @inlined
-def begin_axes(
-    laws: JointLaws, own: Bdf2Arrays, work: Workspace, angle: Array, h: float, h_q: float
-) -> None:
-    """
-    Begin a part with the laws of the joints; the chain has the controllers of its predicted end.
-
-    `angle`, shape (n-1, 2), are the joint angles at the start [rad].
-    """
-    axes, chain = work.axes, work.chain
-    for j in range(len(axes.rate)):
-        for k in range(2):
-            load = chain.torque[j, k], chain.damping[j, 2 * k]
-            begin_axis(laws, axes, h, j, k, (load[0], load[1], own.star.rate[j, k]))
-            if laws.has_stops:
-                stop_at_end(laws, axes, j, k, (angle[j, k], own.hat.angle[j, k]), h_q)
-            chain.torque[j, k], chain.damping[j, 2 * k] = first_law(laws.inertia, axes, j, k)
-
-
-@inlined
 def axes_change(
-    robot: Mechanism, work: Workspace, outcome: Outcome, attempt: int, left: int, report: Table
+    robot: Mechanism,
+    work: Workspace,
+    outcome: Outcome,
+    attempt: int,
+    left: int,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     laws, chain = robot.joint_laws, work.chain
@@ -163,7 +152,9 @@ def axes_change(
         return False
     joint_rates(robot.places, work.frames, chain.twist, work.axes.rate)
     loads = chain.torque, chain.damping[:, ::2]
-    return joint_laws_change(laws, work.axes, loads, Trial(outcome, attempt, left), report)
+    return joint_laws_change(
+        laws, work.axes, loads, Trial(outcome.iterations, outcome.converged, attempt, left), report
+    )
 
 
 @inlined
@@ -208,21 +199,27 @@ def begin_part(
                 torque, stiffness, rate = held_torque(
                     model.robot.control, control, j, k, stiffness, rate
                 )
-            torque += stiffness * (own.end_angle[j, k] - own.hat.angle[j, k])
-            torque += damping * rate
-            resistance = damping + h_q * stiffness
+            reference, gains = (own.end_angle[j, k], rate), (stiffness, damping)
+            torque, resistance = implicit_pd_law(
+                h_q, own.hat.angle[j, k], reference, gains, torque
+            )
             chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
         chain.damping[j, 1] = 0.0
     if model.robot.joint_laws.present:
-        begin_axes(model.robot.joint_laws, own, work, history.memory.end.angle, h, h_q)
+        way, loads = (
+            (history.memory.end.angle, own.hat.angle),
+            (chain.torque, chain.damping[:, ::2]),
+        )
+        laws_of_joints = model.robot.joint_laws
+        begin_predicted_laws(laws_of_joints, work.axes, (h, h_q), way, own.star.rate, loads)
     hold_absent_axes(model.robot.places, chain)
     link_inertia(model.robot, work.R, work.center, chain.bare)
     velocities = own.hat.u, own.star.u
     smooth_momentum(model.robot, h, velocities, work.R, work.center, chain.momentum)
     reach = max(model.closed_gap, LANDING_SPEED * h_q)
-    pose = Pose(work.q_mid, work.R, work.center)
+    pose = Pose(model.robot, work.q_mid, work.R, work.center)
     found = Found(work.closed, work.contacts, chain.frame)
-    count = find_contacts(model.obstacles, reach, model.robot, pose, found)
+    count = find_contacts(model.obstacles, reach, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:
         contacts.geometry.takes_part[a] = 1
@@ -233,7 +230,7 @@ def begin_part(
         model.laws, closed, contacts, model.robot.mass, history.impulse,
         (PRESS_SPEED, -h * model.robot.gravity[2]),
     )  # fmt: skip
-    return Problem(laws, closed, contacts, chain)
+    return Problem(laws, closed, contacts, chain, work.pairs)
 
 
 @inlined
@@ -260,14 +257,14 @@ def solve_landing(
         Number of contacts that are closed at the end, the first ones in the problem's `closed`.
 
     """
-    laws, closed, contacts, chain = problem
-    history, report, most = without_memory(steps.history), steps.report[0], terms.most
+    laws, closed, contacts, chain, pairs = problem
+    history, report, most = of_contacts(steps.history), steps.report[0], terms.most
     found, impact = Events(False, False, 0), False
     count = len(closed)
     if report.iterations < most:
         count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
-        landing = Problem(laws, closed[:count], contacts, chain)
+        landing = Problem(laws, closed[:count], contacts, chain, pairs)
         most = max(most, report.iterations + least_iterations(model.iteration_limit))
         for attempt in range(MOST_CHANGES):
             prepare_contacts(work.operator, landing)
@@ -309,7 +306,7 @@ class Part(NamedTuple):
     """What is known of a part of a step that may be taken; its end is in own.end and own.q."""
 
     is_small: bool  # whether `turns_are_small`
-    found: Events
+    found: Events  # jumps of the velocities in it
     h: float  # time for which impulses acted [s]
     depth: float  # penetration at its end [m]
 
@@ -384,7 +381,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     while place.done < TICKS:
         dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, ends)
-        copy_history(steps.history, own.kept)
+        copy_history(of_contacts(steps.history), own.kept)
         part = one_part(own, model, work, Task(dt, place.stretch, most), steps)
         if not part.is_small:
             keep_state(own.q_start, own.u_start, steps.q, steps.u)
@@ -403,7 +400,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
             take_part(own, model, work, dt, part, steps)
             forget_who_took_part(work.contacts)
         else:
-            copy_history(own.kept, steps.history)
+            copy_history(own.kept, of_contacts(steps.history))
         place = next_place(place, is_taken, size, steps.pushes, memory)
     report.further_parts += place.parts - 1
     keep_references(place.size, rate, memory)
@@ -411,20 +408,19 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     return report_end(model, work, steps.q, steps.u, steps.history.settling, report)
 
 
-@compiled
-def advance_bdf2(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps) -> None:
-    """Take the steps up to the first that diverges; see `spatial.SpatialStepper`."""
+@take_step.register(Bdf2Arrays)
+@inlined
+def take_bdf2_step(
+    own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it diverges; see `steps.take_step`."""
     memory = steps.history.memory
-    recognize(model, work, steps.q, steps.u, memory)
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        goes_on = bdf2_step(own, model, work, steps, k)
-        if steps.report[0].steps > k:
-            keep_sample(k, model.dt, memory.span[0], work.applied, steps)
-        if not goes_on:
-            break
-    keep_state(steps.q, steps.u, memory.q, memory.end.u)
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    if k == 0:
+        recognize(model, work, steps.q, steps.u, memory)
+    goes_on = bdf2_step(own, model, work, steps, k)
+    if shows or not goes_on:
+        keep_state(steps.q, steps.u, memory.q, memory.end.u)
+    return goes_on, memory.span[0]
 
 
 def what_is_not_possible(scene: Scene) -> str:

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.detection import Patches
-from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined
+from snake_sim_ros.contact.problem import ContactHistory, make_contact_history, Outcome
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
-from snake_sim_ros.dynamics.joint_laws import MOST_CHANGES
+from snake_sim_ros.dynamics.joint_laws import begin_predicted_laws, MOST_CHANGES
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import (
@@ -45,15 +45,15 @@ from snake_sim_ros.stepping.planar.equilibrium import (
 from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.moreau import (
     begin_planar_impact,
-    begin_predicted_yaw_axes,
     end_planar_velocities,
     held_point,
     hold_absent_yaw_axes,
     is_planar,
     joint_impulses_in_plane,
-    keep_planar_sample,
+    move_in_plane,
     stop_impact,
     yaw_axes_change,
+    yaw_loads,
 )
 from snake_sim_ros.stepping.planar.solvers import (
     PlanarNewton,
@@ -61,24 +61,24 @@ from snake_sim_ros.stepping.planar.solvers import (
     solve_planar_contacts,
 )
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane
-from snake_sim_ros.stepping.state import History, make_history, without_memory
+from snake_sim_ros.stepping.state import of_contacts
 from snake_sim_ros.stepping.steps import (
+    copy_numbers,
     count_steps,
     iterations_left,
     note_outcome,
     noted,
-    sampled_row,
     Steps,
     take_back,
+    take_step,
 )
 
 
 class PlanarMotion(NamedTuple):
     """A state in the plane, as `bdf2.motion.Motion`."""
 
-    pose: Array  # (2,) x and y of the center of mass [m]
-    heading: Array  # (n,) headings of the links [rad]
-    u: Array  # (n, 3) velocities x y of the link centers [m/s], and turning rates [rad/s]
+    q: Array  # (n+2,) center of mass x y [m] and headings of all links [rad], in I
+    u: Array  # (n, 3) velocities x y of the link centers [m/s] and turning rates [rad/s], in I
 
 
 class PlanarBdf2Memory(NamedTuple):
@@ -104,16 +104,17 @@ class PlanarBdf2Arrays(NamedTuple):
     star: PlanarMotion  # velocities at the predicted end; the rest is not used
     end: PlanarMotion  # end of the step
     before: PlanarMotion  # start of the step of the scene, for one that is not taken
-    moving: Array  # (n, 3) velocities that move the coordinates: those of end before an impact
+    # (n, 3) velocities that move the coordinates, as `u`: those of end before an impact
+    moving: Array
     end_angle: Array  # (n-1, 2) joint references at the end [rad]
     end_rate: Array  # (n-1, 2) [rad/s]
-    kept: History  # before a part of the step
-    solver: PlanarNewton
+    kept: ContactHistory  # before a part of the step
+    solver: PlanarNewton  # of the contacts
 
 
 def make_planar_motion(n: int) -> PlanarMotion:
     """Return arrays for a state of n links."""
-    return PlanarMotion(np.zeros(2), np.zeros(n), np.zeros((n, 3)))
+    return PlanarMotion(np.zeros(n + 2), np.zeros((n, 3)))
 
 
 def make_planar_bdf2_memory(n: int) -> PlanarBdf2Memory:
@@ -136,7 +137,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
         np.zeros((n, 3)),
         angle,
         rate,
-        make_history(contacts),
+        make_contact_history(contacts),
         PlanarNewton(),
     )
 
@@ -144,9 +145,7 @@ def make_planar_arrays(n: int, contacts: int) -> PlanarBdf2Arrays:
 @inlined
 def keep_planar(motion: PlanarMotion, to: PlanarMotion) -> None:
     """Copy a state."""
-    to.pose[0], to.pose[1] = motion.pose[0], motion.pose[1]
-    for i in range(len(motion.heading)):
-        to.heading[i] = motion.heading[i]
+    copy_numbers(motion.q, to.q)
     copy_rows(motion.u, to.u, 3)
 
 
@@ -157,9 +156,8 @@ def recognize_in_plane(
     """Take q and u as the state to continue from, as `bdf2.motion.recognize`."""
     end = memory.end
     held_x, held_y = held_point(model, q)
-    end.pose[0], end.pose[1] = q[0] + held_x, q[1] + held_y
-    for i in range(len(u)):
-        end.heading[i] = q[2 + i]
+    copy_numbers(q, end.q)
+    end.q[0], end.q[1] = q[0] + held_x, q[1] + held_y
     copy_rows(u, end.u, 3)
     memory.phase[0] = ANEW if starts_anew(model, work, q, u) else UNKNOWN
     memory.ticks[0] = 0.0
@@ -200,32 +198,21 @@ def planar_formula(
     """
     end, start, hat, star = memory.end, memory.start, own.hat, own.star
     w, c, h, half = coefficients(dt, memory)
-    for k in range(2):
-        hat.pose[k] = end.pose[k] + c * (end.pose[k] - start.pose[k])
+    for k in range(len(end.q)):
+        hat.q[k] = end.q[k] + c * (end.q[k] - start.q[k])
     for i in range(len(end.u)):
         for k in range(3):
             change = end.u[i, k] - start.u[i, k]
             hat.u[i, k] = end.u[i, k] + c * change
             star.u[i, k] = end.u[i, k] + w * change
-        heading = end.heading[i]
-        hat.heading[i] = heading + c * (heading - start.heading[i])
     if half > 0.0:
-        move_planar(model, half, end.u, hat)
+        move_in_plane(model, half, hat.q, end.u)
     return h, h - half
 
 
 @inlined
-def move_planar(model: PlanarModel, h: float, u: Array, motion: PlanarMotion) -> None:
-    """Move center of mass and headings by a time h [s] with the velocities u (n, 3)."""
-    for i in range(len(u)):
-        motion.heading[i] += h * u[i, 2]
-        motion.pose[0] += h * model.share[i] * u[i, 0]
-        motion.pose[1] += h * model.share[i] * u[i, 1]
-
-
-@inlined
 def predict_loads(
-    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: History
+    h: float, dt: float, work: PlanarWorkspace, memory: PlanarBdf2Memory, history: ContactHistory
 ) -> None:
     """Scale what the last step left of the contacts to one of dt, with impulses for a time h."""
     span, before = memory.span[0], memory.dt[0]
@@ -251,23 +238,25 @@ def begin_planar_part(
     """
     Fill the workspace for the contact solver, with the references in own.end_angle.
 
-    `start`, shape (n,), are the headings at the start of the part [rad].
+    `start`, shape (n+2,), is q of the `PlanarMotion` at the start of the part.
     """
     hat, u_star = own.hat, own.star.u
     for i in range(len(u_star)):
-        theta = hat.heading[i] + h_q * u_star[i, 2]
+        theta = hat.q[2 + i] + h_q * u_star[i, 2]
         work.heading[i, 0], work.heading[i, 1] = math.cos(theta), math.sin(theta)
     place_links_in_plane(model, work, model.fall * (h / model.dt))
     for j in range(len(own.end_angle)):
         reference = own.end_angle[j, 0], own.end_rate[j, 0]
-        bend = hat.heading[j + 1] - hat.heading[j]
-        torque, damping = implicit_pd_law(
-            h_q, bend, 0.0, reference, (model.stiffness[j], model.damping[j])
-        )
+        bend = hat.q[3 + j] - hat.q[2 + j]
+        gains = model.stiffness[j], model.damping[j]
+        torque, damping = implicit_pd_law(h_q, bend, reference, gains, 0.0)
         work.torque[j], work.chain.damping[j] = torque * h, damping * h
+        work.bend[j, 0, 0], work.bend[j, 0, 1] = bend, u_star[j + 1, 2] - u_star[j, 2]
+        work.bend[j, 0, 2] = start[3 + j] - start[2 + j]
     hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
-        begin_predicted_yaw_axes(model, work, (start, hat.heading), u_star, h, h_q)
+        way, loads = (work.bend[:, :, 2], work.bend[:, :, 0]), yaw_loads(work)
+        begin_predicted_laws(model.joint_laws, work.axes, (h, h_q), way, work.bend[:, :, 1], loads)
     fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)
 
@@ -283,7 +272,7 @@ def fill_predicted_grips(
     """Fill the grip of the contacts at the predicted end; see `equilibrium.fill_grips`."""
     if patches is None:
         return
-    x, y = own.hat.pose[0], own.hat.pose[1]
+    x, y = own.hat.q[0], own.hat.q[1]
     for i in range(len(work.center)):
         x += model.share[i] * (h_q * own.star.u[i, 0] - work.center[i, 0])
         y += model.share[i] * (h_q * own.star.u[i, 1] - work.center[i, 1])
@@ -293,9 +282,9 @@ def fill_predicted_grips(
 class PlanarPart(NamedTuple):
     """What is known of a part of a step that may be taken."""
 
-    outcome: Outcome
-    h: float  # times as from `planar_formula` [s]
-    h_q: float
+    outcome: Outcome  # of the last solution of the contacts
+    h: float  # time over which forces act, from `planar_formula` [s]
+    h_q: float  # time over which velocities act on coordinates [s]
     meets: bool  # whether a joint meets its stop
 
 
@@ -311,10 +300,10 @@ def planar_part(
     dt, stretch, most = task
     history, memory, report = steps.history, steps.history.memory.scheme, steps.report[0]
     h, h_q = planar_formula(model, dt, memory, own)
-    predict_loads(h, dt, work, memory, history)
-    begin_planar_part(model, own, work, memory.end.heading, h, h_q)
+    contact_history, meets = of_contacts(history), False
+    predict_loads(h, dt, work, memory, contact_history)
+    begin_planar_part(model, own, work, memory.end.q, h, h_q)
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
-    contact_history, meets = without_memory(history), False
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         most = max(most, report.iterations + least_iterations(model.iteration_limit))
         for attempt in range(MOST_CHANGES):
@@ -349,7 +338,7 @@ def take_planar(
     keep_planar(memory.end, memory.start)
     keep_planar(own.hat, memory.end)
     copy_rows(own.end.u, memory.end.u, 3)
-    move_planar(model, part.h_q, own.moving, memory.end)
+    move_in_plane(model, part.h_q, memory.end.q, own.moving)
     for j in range(len(work.applied)):
         for axis in range(2):
             work.applied[j, axis] *= model.dt / part.h
@@ -376,13 +365,13 @@ def planar_step(
         dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, ends)
         if model.path_tolerance > 0.0:
-            copy_history(steps.history, own.kept)
+            copy_history(of_contacts(steps.history), own.kept)
         part = planar_part(own, model, work, Task(dt, place.stretch, most), steps)
         error = path_error(dt, 2, own.moving, own.star.u)
         taken, size = judge_part(model.path_tolerance, error, place.size)
         taken = taken or report.iterations >= most
         if not taken:
-            copy_history(own.kept, steps.history)
+            copy_history(own.kept, of_contacts(steps.history))
         elif is_planar(model, work, steps, part.outcome):
             take_planar(own, model, work, dt, part, memory)
         else:
@@ -402,27 +391,26 @@ def planar_step(
 @inlined
 def fill_state(model: PlanarModel, end: PlanarMotion, steps: Steps) -> None:
     """Fill q and u of the steps from a `PlanarMotion`."""
-    q, u = steps.q, steps.u
-    for i in range(len(u)):
-        q[2 + i] = end.heading[i]
-    copy_rows(end.u, u, 3)
+    q = steps.q
+    copy_numbers(end.q, q)
+    copy_rows(end.u, steps.u, 3)
     held_x, held_y = held_point(model, q)
-    q[0], q[1] = end.pose[0] - held_x, end.pose[1] - held_y
+    q[0], q[1] = end.q[0] - held_x, end.q[1] - held_y
 
 
-@compiled
-def advance_bdf2_in_plane(
-    own: PlanarBdf2Arrays, model: PlanarModel, work: PlanarWorkspace, steps: Steps
-) -> None:
-    """Take the steps up to the first that is not planar; see `stepper.PlanarStepper`."""
+@take_step.register(PlanarBdf2Arrays)
+@inlined
+def take_bdf2_step_in_plane(
+    own: PlanarBdf2Arrays,
+    model: PlanarModel,
+    work: PlanarWorkspace,
+    steps: Steps,
+    k: int,
+    shows: bool,
+) -> tuple[bool, float]:
+    """Take step k, unless it is not planar; see `steps.take_step`."""
     memory = steps.history.memory.scheme
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        if not planar_step(own, model, work, steps, k):
-            break
-        if sampled_row(k, steps.record) >= 0:
-            fill_state(model, memory.end, steps)
-            keep_planar_sample(k, model.dt, memory.span[0], work.applied, steps)
-    if steps.report[0].steps > 0:
+    goes_on = planar_step(own, model, work, steps, k)
+    if (shows or not goes_on) and steps.report[0].steps > 0:
         fill_state(model, memory.end, steps)
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    return goes_on, memory.span[0]

@@ -369,7 +369,7 @@ def add_peg_law(
 @inlined
 def close_pegs(model: PlanarModel, work: PlanarWorkspace, closed: Array, q: Array) -> float:
     """
-    Close the gaps of contacts with pegs at the end of a step, as `closing.close_step` does.
+    Close the gaps of contacts with pegs at the end of a step, as `moreau.close_step` does.
 
     Parameters
     ----------

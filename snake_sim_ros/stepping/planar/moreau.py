@@ -30,25 +30,21 @@ are those of all axes, of which the first column is used. Pitch joints hold a fl
 """
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
-from snake_sim_ros.contact.problem import Outcome
-from snake_sim_ros.dynamics.compilation import compiled, cycle_counter, inlined, Table
+from snake_sim_ros.contact.problem import Outcome, Solver
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
-    begin_axis,
     begin_axis_impact,
+    begin_joint_laws,
     controller_impulse,
-    first_law,
     is_at_stop,
     joint_laws_change,
     MOST_CHANGES,
-    stop_at_end,
-    stop_at_middle,
     Trial,
 )
-from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     close_pegs,
@@ -61,15 +57,15 @@ from snake_sim_ros.stepping.planar.equilibrium import (
 from snake_sim_ros.stepping.planar.model import PlanarMemory, PlanarModel, PlanarWorkspace
 from snake_sim_ros.stepping.planar.solvers import solve_in_plane
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, whole_step
-from snake_sim_ros.stepping.state import without_memory
+from snake_sim_ros.stepping.state import of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    keep_forces,
+    LoopReport,
     note_outcome,
     noted,
-    sampled_row,
     Steps,
+    take_step,
 )
 
 EFFORT_SHARE = 1 / 128  # share of a step in the mean of iterations
@@ -87,40 +83,10 @@ def hold_absent_yaw_axes(model: PlanarModel, work: PlanarWorkspace) -> None:
 
 
 @inlined
-def begin_yaw_axes(model: PlanarModel, work: PlanarWorkspace, q: Array, u: Array) -> None:
-    """Begin a step of the paper from q and u with the laws of the yaw joints."""
-    laws, axes, dt, damping = model.joint_laws, work.axes, model.dt, work.chain.damping
-    for j in range(len(work.torque)):
-        turn = u[j + 1, 2] - u[j, 2]
-        begin_axis(laws, axes, dt, j, 0, (work.torque[j], damping[j], turn))
-        stop_at_middle(laws, axes, j, 0, q[3 + j] - q[2 + j] + dt / 2 * turn)
-        work.torque[j], damping[j] = first_law(laws.inertia, axes, j, 0)
-
-
-@inlined
-def begin_predicted_yaw_axes(
-    model: PlanarModel,
-    work: PlanarWorkspace,
-    headings: tuple[Array, Array],
-    u_star: Array,
-    h: float,
-    h_q: float,
-) -> None:
-    """
-    Begin a part of a step of `bdf2` with the laws of the yaw joints, as `bdf2.step.begin_axes`.
-
-    Headings (n,) are those at the start and those without the rates of the end [rad], and u_star,
-    shape (n, 3), are the predicted velocities.
-    """
-    start, hat = headings
-    laws, axes, damping = model.joint_laws, work.axes, work.chain.damping
-    for j in range(len(work.torque)):
-        turn = u_star[j + 1, 2] - u_star[j, 2]
-        begin_axis(laws, axes, h, j, 0, (work.torque[j], damping[j], turn))
-        if laws.has_stops:
-            way = start[j + 1] - start[j], hat[j + 1] - hat[j]
-            stop_at_end(laws, axes, j, 0, way, h_q)
-        work.torque[j], damping[j] = first_law(laws.inertia, axes, j, 0)
+def yaw_loads(work: PlanarWorkspace) -> tuple[Array, Array]:
+    """Return torques and dampings of the yaw joints, shape (n-1, 1), for `joint_laws`."""
+    n = len(work.twist)
+    return work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
 
 
 @inlined
@@ -130,7 +96,7 @@ def yaw_axes_change(
     outcome: Outcome,
     attempt: int,
     left: int,
-    report: Table,
+    report: LoopReport,
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
     n, laws = len(work.twist), model.joint_laws
@@ -138,9 +104,8 @@ def yaw_axes_change(
         return False
     for j in range(n - 1):
         work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
-    torque, damping = work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
-    trial = Trial(outcome, attempt, left)
-    return joint_laws_change(laws, work.axes, (torque, damping), trial, report)
+    trial = Trial(outcome.iterations, outcome.converged, attempt, left)
+    return joint_laws_change(laws, work.axes, yaw_loads(work), trial, report)
 
 
 @inlined
@@ -205,9 +170,10 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
             (angle[j, 0], rate[j, 0]), (model.stiffness[j], model.damping[j]),
         )  # fmt: skip
         work.torque[j], chain.damping[j] = torque * dt, damping * dt
+        work.bend[j, 0, 0], work.bend[j, 0, 1] = difference + dt / 2 * turn, turn
     hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
-        begin_yaw_axes(model, work, q, u)
+        begin_joint_laws(model.joint_laws, work.axes, dt, work.bend, yaw_loads(work))
     x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
     fill_grips(model.patches, model, work, x - work.center[0, 0], y - work.center[0, 1])
     fill_momentum(model, work, u, u)
@@ -352,20 +318,8 @@ def held_point(model: PlanarModel, q: Array) -> tuple[float, float]:
 
 
 @inlined
-def keep_planar_sample(k: int, dt: float, span: float, applied: Array, steps: Steps) -> None:
-    """Keep the planar state after step k, if it is a sample, as `steps.keep_sample`."""
-    record = steps.record
-    row = sampled_row(k, record)
-    if row >= 0:
-        for i in range(len(steps.q)):
-            record.q[row, i] = steps.q[i]
-        copy_rows(steps.u, record.u[row], 3)
-        keep_forces(row, applied, dt, span, steps.history, record)
-
-
-@inlined
 def solve_planar_step(
-    solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int
+    solver: Solver, model: PlanarModel, work: PlanarWorkspace, steps: Steps, count: int
 ) -> tuple[int, Outcome]:
     """
     Solve the first `count` contacts and, if links land on pegs, once more.
@@ -373,7 +327,7 @@ def solve_planar_step(
     As `stepping.moreau.solve_step`; return the contacts of the last solution, and its outcome.
     `work.moving` has the velocities that move the coordinates.
     """
-    history, report, lands = without_memory(steps.history), steps.report[0], False
+    history, report, lands = of_contacts(steps.history), steps.report[0], False
     most, floor = report.iterations + model.iteration_limit, model.floor
     while True:  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
@@ -396,21 +350,23 @@ def solve_planar_step(
     return count, outcome
 
 
-@compiled
-def advance_in_plane(solver: Any, model: PlanarModel, work: PlanarWorkspace, steps: Steps) -> None:
-    """
-    Take the steps up to the first that is not planar; see `stepper.PlanarStepper`.
+class PlanarMoreau(NamedTuple):
+    """The step of the paper in the plane, with a contact solver; see `solvers.solve_in_plane`."""
 
-    The type of `solver` chooses the contact solver; see `solve_in_plane`.
-    """
+    solver: Solver
+
+
+@take_step.register(PlanarMoreau)
+@inlined
+def take_planar_step(
+    own: PlanarMoreau, model: PlanarModel, work: PlanarWorkspace, steps: Steps, k: int, shows: bool
+) -> tuple[bool, float]:
+    """Take step k, unless it is not planar; see `steps.take_step`."""
     report = steps.report[0]
-    for k in range(len(steps.angle)):
-        steps.cycles[k] = cycle_counter()
-        before = noted(report)
-        count = begin_planar_step(model, work, steps, k)
-        count, outcome = solve_planar_step(solver, model, work, steps, count)
-        if not end_planar_step(model, work, steps, count, outcome):
-            break
+    before = noted(report)
+    count = begin_planar_step(model, work, steps, k)
+    count, outcome = solve_planar_step(own.solver, model, work, steps, count)
+    goes_on = end_planar_step(model, work, steps, count, outcome)
+    if goes_on:
         count_steps(before, report)
-        keep_planar_sample(k, model.dt, model.dt, work.applied, steps)
-    steps.cycles[len(steps.angle)] = cycle_counter()
+    return goes_on, model.dt

@@ -15,10 +15,10 @@ starts from the history of the last one, as in `contact.sweeps`.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from snake_sim_ros.contact.admissible import anchor_disc
-from snake_sim_ros.contact.contacts import Contacts, SLIDING
+from snake_sim_ros.contact.contacts import Contacts, SLIDING, stiffness
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     changes_side,
@@ -40,7 +40,7 @@ from snake_sim_ros.contact.newton import (
     move_trial,
     next_relaxation,
 )
-from snake_sim_ros.contact.problem import Outcome
+from snake_sim_ros.contact.problem import ContactHistory, Outcome, Solver
 from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
 from snake_sim_ros.contact.sweeps import forget_others, next_velocity
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
@@ -56,7 +56,6 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     planar_twists,
 )
 from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
-from snake_sim_ros.stepping.state import History
 
 # Component of `change` in history for the change of the change of a load: nothing rolls here.
 SECOND_CHANGE = 3
@@ -71,11 +70,11 @@ STILL_SHARE = 0.1  # share of the tolerance up to which the velocity of a contac
 
 @Dispatched
 def solve_in_plane(  # type: ignore[empty-body]
-    solver: Any,
+    solver: Solver,
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
-    history: History,
+    history: ContactHistory,
     limit: int,
 ) -> Outcome:
     """
@@ -92,7 +91,7 @@ def solve_in_plane(  # type: ignore[empty-body]
     work : PlanarWorkspace
     closed : ndarray, shape (k,)
         Numbers of the closed contacts.
-    history : History
+    history : ContactHistory
         That of the last step; it is replaced by that of this step.
     limit : int
         Most iterations that it may take, at least 1.
@@ -105,7 +104,7 @@ def solve_in_plane(  # type: ignore[empty-body]
 
 
 @inlined
-def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None:
+def predict_sliding(closed: Array, contacts: Contacts, history: ContactHistory) -> None:
     """Fill disc radii, trial and anchor: loads and velocities continue to change as they did."""
     solution, newton = contacts.solution, contacts.newton
     last, change = history.impulse, history.change
@@ -122,7 +121,7 @@ def predict_sliding(closed: Array, contacts: Contacts, history: History) -> None
 
 
 @inlined
-def remember_sliding(closed: Array, contacts: Contacts, history: History) -> None:
+def remember_sliding(closed: Array, contacts: Contacts, history: ContactHistory) -> None:
     """Fill the history with impulses, velocities and changes, 0 for open contacts."""
     solution = contacts.solution
     last, velocity, change = history.impulse, history.velocity, history.change
@@ -164,11 +163,8 @@ def sliding_law(
         disc, newton.anchor[a, 1], newton.anchor[a, 2], x, y, radius
     )
     newton.law_impulse[a, 1], newton.law_impulse[a, 2] = P_x, P_y
-    newton.S_xx[a, SLIDING], newton.S_xy[a, SLIDING], newton.S_yy[a, SLIDING] = (
-        S_xx,
-        S_xy,
-        S_yy,
-    )
+    newton.S_xx[a, SLIDING], newton.S_xy[a, SLIDING] = S_xx, S_xy
+    newton.S_yy[a, SLIDING] = S_yy
     if not again:
         P_x, P_y = P_x + S_xx * x + S_xy * y, P_y + S_xy * x + S_yy * y
     return P_x, P_y, S_xx, S_xy, S_yy
@@ -262,11 +258,7 @@ def planar_linear_step(
     for a in closed:
         d_x = solution.gamma[a, 1] - newton.trial[a, 1]
         d_y = solution.gamma[a, 2] - newton.trial[a, 2]
-        S_xx, S_xy, S_yy = (
-            newton.S_xx[a, SLIDING],
-            newton.S_xy[a, SLIDING],
-            newton.S_yy[a, SLIDING],
-        )
+        S_xx, S_xy, S_yy, _, _ = stiffness(contacts, a, SLIDING)
         solution.impulse[a, 1] = newton.law_impulse[a, 1] - S_xx * d_x - S_xy * d_y
         solution.impulse[a, 2] = newton.law_impulse[a, 2] - S_xy * d_x - S_yy * d_y
 
@@ -396,7 +388,7 @@ def solve_planar_contacts(
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
-    history: History,
+    history: ContactHistory,
     limit: int,
 ) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
@@ -457,7 +449,7 @@ def solve_plane_with_projections(
     model: PlanarModel,
     work: PlanarWorkspace,
     closed: Array,
-    history: History,
+    history: ContactHistory,
     limit: int,
 ) -> Outcome:
     """Project until the laws hold, with loads that follow from friction; see `solve_in_plane`."""

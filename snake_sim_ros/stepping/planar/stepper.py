@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 import math
-from typing import Any
 
 import numpy as np
 
@@ -13,25 +12,19 @@ from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
+from snake_sim_ros.stepping.loops import Calls, End, LoopStepper, NO_PITCH, StepsInPlace
 from snake_sim_ros.stepping.planar.model import (
     forget,
     make_planar_memory,
     make_planar_model,
     make_planar_workspace,
     PlanarMemory,
+    PlanarModel,
+    PlanarWorkspace,
 )
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
-from snake_sim_ros.stepping.samples import checked, make_samples, Samples
-from snake_sim_ros.stepping.state import copied, empty_history, History, Returned, State
-from snake_sim_ros.stepping.steps import (
-    End,
-    make_steps,
-    NO_PITCH,
-    Record,
-    report_of,
-    Steps,
-    StepsInPlace,
-)
+from snake_sim_ros.stepping.state import copied, History, Memory, State
+from snake_sim_ros.stepping.steps import make_steps, Record, Steps
 
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
@@ -145,9 +138,9 @@ def is_recalled(
     return True
 
 
-class PlanarStepper:
+class PlanarStepper(LoopStepper):
     """
-    A stepper with a compiled loop over steps in the plane; see `base.Stepper`.
+    A stepper with a loop over steps in the plane.
 
     Links keep their heights and tilts, which are those of a robot that lies flat up to the
     tolerances of `levels`, but for the rolls that keep joints closed; see `close_twist`. Where
@@ -159,57 +152,38 @@ class PlanarStepper:
     ----------
     scene : Scene
     loop : callable
-        As of `spatial.SpatialStepper`, for the records of the plane. It ends before the first step
-        that is not planar, and reports that.
+        As of `LoopStepper`, for the records of the plane. It ends before the first step that is
+        not planar, and reports that.
     scheme : NamedTuple of arrays, optional
         The part `scheme` of `model.PlanarMemory` before the first step.
 
     """
 
     level = 'planar'
+    model: PlanarModel
+    work: PlanarWorkspace
 
-    def __init__(self, scene: Scene, loop: Callable[..., None], scheme: Any = None) -> None:
-        self.model = make_planar_model(scene)
-        self.work = make_planar_workspace(scene)
-        self.joints, places = (self.model.front, self.model.rear), scene.robot.chain.places
+    def __init__(
+        self, scene: Scene, loop: Callable[..., None], scheme: Memory | None = None
+    ) -> None:
+        n, places = scene.robot.link_count, scene.robot.chain.places
+        memory = make_planar_memory(n, scheme)
+        model, work = make_planar_model(scene), make_planar_workspace(scene)
+        super().__init__(scene, loop, model, work, memory)
+        self.joints = model.front, model.rear
         self.keeps_tilts = places.complete and places.straight
         inertia = scene.robot.chain.inertia
         self.uneven = inertia[:, 0, 0] - inertia[:, 1, 1]  # about the axes e_x and e_y of a link
-        self.loop = loop
-        n = scene.robot.link_count
-        self.empty = empty_history(scene, make_planar_memory(n, scheme))
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
-        self.returned = Returned(n, self.empty)
-        self.no_samples = make_samples(scene, 0, 0)
         none = np.empty((0, n + 2)), np.empty((0, n, 3))
         self.no_record = Record(0, 0, *none, *self.no_samples[4:-1])
-        self.cycles = np.zeros(1, np.int64)
-
-    def empty_history(self) -> History:
-        """Return the history before the first step."""
-        return self.returned.empty_history()
-
-    def limit_iterations(self, limit: int) -> None:
-        """Let a step take that many iterations at most."""
-        self.model = self.model._replace(iteration_limit=limit)
-
-    def advance(
-        self, state: State, history: History, angle: Array, rate: Array,
-        samples: Samples | None = None, pushes: PushTable = NO_PUSHES,
-    ) -> tuple[State, History, Report]:  # fmt: skip
-        """Return state, history and report after as many steps as there are references."""
-        self.returned.check(state, history, angle, rate)
-        history, goes_on = copied(history), self.goes_on(state, history.memory)
-        inputs = Inputs(angle, rate, checked(samples, self.no_samples), pushes)
-        state, history, report = self.take_steps(state, history, inputs, goes_on)
-        self.returned.last = state, history
-        return state, history, report
 
     def take_steps(
-        self, state: State, history: History, inputs: Inputs, goes_on: bool
+        self, state: State, history: History, inputs: Inputs
     ) -> tuple[State, History, Report]:
         """Advance with checked arguments, of which the history is changed in place."""
         angle, rate, kept, pushes = inputs
+        goes_on = self.goes_on(state, history.memory)
         q, u, tilt = self.coordinates(state, history.memory, goes_on)
         count = kept.reached_by(len(angle))
         record = Record(
@@ -217,9 +191,7 @@ class PlanarStepper:
             *kept[4:-1],
         )  # fmt: skip
         steps = make_steps((q, u), history, (angle, rate), record, pushes)
-        self.loop(self.model, self.work, steps)
-        self.cycles = steps.cycles
-        report = report_of(steps, self.work.applied, self.model.dt, self.level)
+        report = self.run_loop(steps)
         if steps.report['not_planar'][0]:
             report.left = self.reason()
         if report.failure:
@@ -250,7 +222,7 @@ class PlanarStepper:
         self, count: int, state: State, history: History, pushes: PushTable
     ) -> StepsInPlace | None:
         """
-        Return steps that continue from a state and its history; see `steps.StepsInPlace`.
+        Return steps that continue from a state and its history; see `StepsInPlace`.
 
         It is None if the step before was not planar, or if the loop is not compiled.
         """
@@ -272,7 +244,7 @@ class PlanarStepper:
             return history
 
         end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
-        return StepsInPlace(self, count, (q, u), history, pushes, NO_PITCH, end)
+        return StepsInPlace(self, Calls(count, pushes, NO_PITCH), (q, u), history, end)
 
     def prepare(self, state: State) -> None:
         """Compile steps in place, and what is around the loop."""

@@ -39,8 +39,8 @@ from snake_sim_ros.contact.laws import (
 from snake_sim_ros.contact.linear_problem import Operator
 from snake_sim_ros.contact.newton import is_negligible, iterate_laws
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
-from snake_sim_ros.contact.prox_iteration import copy_impulses, forget_open
-from snake_sim_ros.contact.sweeps import project_normal, set_impulse, Sweep
+from snake_sim_ros.contact.prox_iteration import copy_impulses
+from snake_sim_ros.contact.sweeps import forget_others, project_normal, set_impulse, Sweep
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.methods import METHODS, paper_method
@@ -128,7 +128,7 @@ def solve_with_sweeps(
     solver: GaussSeidel, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Sweep until the contact laws hold; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain = problem
+    laws, closed, contacts, chain, _ = problem
     operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
     width = impulse_width(laws)
@@ -166,7 +166,7 @@ def solve_with_sweeps(
     outcome = without_gain(problem, outcome)
     if not outcome.converged:  # others may be in the table now
         keep_impulses(closed, contacts, impulse)
-    forget_open(closed, contacts, impulse)
+    forget_others(closed, contacts, history)
     return outcome
 
 

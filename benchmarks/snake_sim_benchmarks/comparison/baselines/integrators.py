@@ -26,19 +26,20 @@ from snake_sim_benchmarks.comparison.baselines import minimal_coordinates, penal
 from snake_sim_benchmarks.comparison.baselines.pyramid import Pyramid
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
 from snake_sim_benchmarks.comparison.timing import TimedRun, timing_of, trajectory_of_states
+from snake_sim_benchmarks.energy import imbalance, mechanical_energy
 from snake_sim_ros import ParameterError, Report, Scene, State
 from snake_sim_ros.contact.delassus import make_delassus
-from snake_sim_ros.dynamics.energy import imbalance, mechanical_energy
 from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
 from snake_sim_ros.scene.gait import amplitudes
 from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Array, with_settings
 from snake_sim_ros.scene.posture import joint_angles, joint_rates
-from snake_sim_ros.stepping import moreau
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.model import make_model, make_workspace
+from snake_sim_ros.stepping.moreau import Moreau
 from snake_sim_ros.stepping.spatial import SpatialStepper
 from snake_sim_ros.stepping.state import initial_state
+from snake_sim_ros.stepping.steps import advance
 
 INTEGRATORS: dict[str, Any] = {'RK45': RK45, 'LSODA': LSODA, 'Radau': Radau, 'BDF': BDF}
 JACOBIAN_DIFFERENCE = 1e-8  # in the unit of each number; less than the sag of a link
@@ -105,7 +106,7 @@ def make_semi_implicit(scene: Scene, penalty: Penalty) -> Stepper:
     scene = with_settings(scene, {'solver.activation_tolerance': 0.0})
     mass = scene.robot.per_link('link_mass')
     springs = regularized.Springs(make_law(penalty), mass, scene.dt)
-    return SpatialStepper(scene, partial(moreau.advance_moreau, springs))
+    return SpatialStepper(scene, partial(advance, Moreau(springs)))
 
 
 def make_pyramid(scene: Scene) -> Stepper:
@@ -123,7 +124,7 @@ def make_pyramid(scene: Scene) -> Stepper:
     """
     refuse_rolling(scene)
     solver = Pyramid(make_delassus(3 * contact_count(scene), scene.robot.link_count))
-    return SpatialStepper(scene, partial(moreau.advance_moreau, solver))
+    return SpatialStepper(scene, partial(advance, Moreau(solver)))
 
 
 class SmoothRobot:

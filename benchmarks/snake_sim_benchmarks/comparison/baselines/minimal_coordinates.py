@@ -35,8 +35,9 @@ from snake_sim_ros.scene.gait import soft_start, wave
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.model import Model, Workspace
 
-fade_at = compiled(soft_start)
-wave_at = compiled(wave)
+# Of one time and one joint; the package has them for arrays of these.
+fade_at: Any = compiled(soft_start)
+wave_at: Any = compiled(wave)
 
 # y is [center (3) and Euler parameters (4) of the middle link, joint angles (n-1, 2), its velocity
 # (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), work of the joints and of the
@@ -211,9 +212,9 @@ def rate_of_change(
     move_links(y, work, motion.u)
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
-    pose = Pose(work.q_mid, work.R, work.center)
+    pose = Pose(model.robot, work.q_mid, work.R, work.center)
     found = Found(work.closed, work.contacts, chain.frame)
-    closed = work.closed[: find_contacts(model.obstacles, 0.0, model.robot, pose, found)]
+    closed = work.closed[: find_contacts(model.obstacles, 0.0, pose, found)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     penalty_forces(law, model.laws, closed, contacts, model.robot.mass)
     y_dot[-1] = 0.0

@@ -20,8 +20,8 @@ import numpy as np
 
 from snake_sim_benchmarks.comparison.csv_tables import records_of, Table
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD
+from snake_sim_benchmarks.energy import mechanical_energy
 from snake_sim_ros import ParameterError, Report, Scene, Simulation, State
-from snake_sim_ros.dynamics.energy import mechanical_energy
 from snake_sim_ros.scene.parameters import steps_in
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.sampling import Keep, Limits
@@ -198,9 +198,9 @@ def simulate(case: Case) -> Run:
     simulation.state = case.start
     none = np.zeros((0, scene.robot.link_count - 1, 2))
     simulation.stepper.advance(case.start, simulation.history, none, none)  # compiles
-    limits = Limits(unconverged=UNCONVERGED_LIMIT)
+    limits = Limits(unconverged=UNCONVERGED_LIMIT, times_references=True)
     keep = Keep(impulses=True)
-    trajectory = sample(simulation, steps, samples, keep=keep, limits=limits, time_references=True)
+    trajectory = sample(simulation, steps, samples, keep=keep, limits=limits)
     last = simulation.state
     q = np.concatenate([trajectory.coordinates, last.q[None]])
     u = np.concatenate([trajectory.velocity, last.u[None]])

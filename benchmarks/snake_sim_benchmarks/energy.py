@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
+from snake_sim_ros.dynamics.force_directions import floor_contact_velocities
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import joint_rates
-from snake_sim_ros.scene.rotations import rotation_matrices
 
 BALANCE_TIME = 1.0  # the balance of a run covers so much of its start [s]
 
@@ -32,26 +32,6 @@ def mechanical_energy(scene: Scene, q: Array, u: Array) -> Array:
     momentum = np.einsum('ijk,...ik->...ij', chain.inertia, u[..., 3:])
     kinetic = chain.mass[:, None] * u[..., :3] ** 2 + momentum * u[..., 3:]
     return np.asarray(0.5 * kinetic.sum(axis=(-2, -1)) + potential.sum(axis=-1))
-
-
-def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
-    """
-    Return gamma_N, gamma_Tx, gamma_Ty of all floor contacts, eqs. (17)-(31).
-
-    Coordinates have the shape (..., n, 7), velocities (..., n, 6), and the result (..., m, 3)
-    [m/s] for m contacts.
-    """
-    spheres = robot.chain.spheres
-    R, u = rotation_matrices(q[..., 3:])[..., spheres.link, :, :], u[..., spheres.link, :]
-    omega = (R @ u[..., 3:, None])[..., 0]
-    along, lever = R[..., 2], np.einsum('...aij,aj->...ai', R, spheres.place)
-    below = spheres.radius[:, None] * np.array([0.0, 0.0, 1.0])
-    v = u[..., :3] + np.cross(omega, lever - below)
-    heading = along[..., :2] / np.linalg.norm(along[..., :2], axis=-1, keepdims=True)
-    left = np.stack([-heading[..., 1], heading[..., 0]], axis=-1)
-    return np.stack(
-        [v[..., 2], (v[..., :2] * heading).sum(-1), (v[..., :2] * left).sum(-1)], axis=-1
-    )
 
 
 def work_of_steps(

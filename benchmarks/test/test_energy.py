@@ -7,21 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snake_sim_ros import Robot, Scene, Simulation
-from snake_sim_ros.dynamics import force_directions
-from snake_sim_ros.dynamics.energy import (
-    balance_error,
-    BALANCE_TIME,
-    floor_contact_velocities,
-    mechanical_energy,
-)
+from snake_sim_benchmarks.energy import balance_error, BALANCE_TIME, mechanical_energy
+from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.scene.parameters import load_scene, steps_in
-from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.sampling import Keep
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.state import initial_state
-
-RNG = np.random.default_rng(0)
 
 
 def test_energy_of_a_falling_robot():
@@ -31,16 +22,6 @@ def test_energy_of_a_falling_robot():
     # All centers are a radius above the floor; 7.5 kg.
     assert rest == pytest.approx(7.5 * 9.81 * 0.0525)
     assert mechanical_energy(scene, state.q, u) - rest == pytest.approx(7.5 * 2.0)
-
-
-def test_contact_velocities_are_those_of_the_force_directions():
-    robot = Robot()
-    q, u = RNG.normal(size=(11, 7)), RNG.normal(size=(11, 6))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    W_N, W_T, _ = force_directions.contact_directions(robot, rotation_matrices(q[:, 3:]))
-    gamma = floor_contact_velocities(robot, q, u)
-    assert gamma[:, 0] == pytest.approx(W_N.T @ u.ravel(), abs=1e-12)
-    assert gamma[:, 1:].ravel() == pytest.approx(W_T.T @ u.ravel(), abs=1e-12)
 
 
 def test_work_of_a_torque_is_no_error():

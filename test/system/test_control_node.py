@@ -1,0 +1,120 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The node control moves a simulated robot by controllers of the package and of a user."""
+
+import math
+
+import numpy as np
+from offline import nanoseconds
+import pytest
+from sensor_msgs.msg import JointState
+from sim_client import SimClient
+
+from snake_sim_ros import Following, PlanarPath
+from snake_sim_ros.scene.parameters import load_scene
+
+OWN = """
+import numpy as np
+
+class Bent:
+    period, sees_poses = 0.05, False
+
+    def start(self, scene):
+        self.joints = scene.robot.link_count - 1
+
+    def control(self, measured, time):
+        if 1.9 < time < 2.1:
+            raise ArithmeticError('a joint that is tired')
+        less = 0.1 * np.sign(measured.joint_angle.sum()) if time > 3 else 0.0
+        bent = np.tile([0.3 - less, 0.0], (self.joints, 1))  # of what the robot measures
+        return lambda t: (np.tile(bent, (len(t), 1, 1)), np.zeros((len(t), self.joints, 2)))
+"""
+
+
+@pytest.fixture(scope='module')
+def client(make_graph):
+    client = SimClient(
+        make_graph(), 'real_time_factor:=2.5', 'publish_rate:=50.0', 'robot.command_delay:=0.02'
+    )
+    client.wait_until_connected()
+    client.commanded = client.graph.record(JointState, 'joint_command')
+    return client
+
+
+@pytest.fixture
+def sim(client):
+    """A robot at its start, and what begins to control it; that ends with the test."""
+    started = []
+
+    def control(*parameters):
+        started.append(client.graph.start('control', 'use_sim_time:=true', *parameters))
+        client.graph.until(lambda: started[0].count('control begins at'), 'control')
+        return started[0], client.now
+
+    client.reset()
+    client.commanded.clear()
+    client.control = control
+    yield client
+    for node in started:
+        client.graph.end(node)
+
+
+def state(sim):
+    """Return the state of the node in new diagnostics."""
+
+    def mine():
+        return [each for message in sim.diagnostics[heard:] for each in message.status
+                if each.name == 'control: control']  # fmt: skip
+
+    heard = len(sim.diagnostics)
+    sim.graph.until(mine, 'diagnostics of control')
+    return mine()[-1].message
+
+
+def test_controller_of_a_user_moves_the_robot_and_its_errors_hold_it(sim, tmp_path):
+    (tmp_path / 'own.py').write_text(OWN)
+    node, begin = sim.control(f'controller.name:={tmp_path / "own.py"}:Bent')
+    sim.graph.until(
+        lambda: node.count('the controller failed (ArithmeticError: a joint that is tired)'),
+        'the error',
+    )
+    sim.advance_to(begin + 2.8)
+    assert state(sim) == 'in control'
+    sim.advance_to(begin + 4.5)
+    wanted = np.tile([0.2, 0.0], 10)
+    assert np.array(sim.commanded[-1].position) == pytest.approx(wanted, abs=1e-9)
+    assert np.array(sim.joint_states[-1].position) == pytest.approx(wanted, abs=0.1)
+    # A cubic blend of 1 s has rates up to 1.5 times the way, from where a gait starts to 0.3 rad.
+    blended = [m for m in sim.commanded if 1e-9 * nanoseconds(m) < begin + 1.5]
+    angles = np.array([message.position for message in blended])
+    times = np.diff([1e-9 * nanoseconds(message) for message in blended])
+    way = 0.3 + load_scene('lateral_undulation').gait.yaw.amplitude
+    assert np.abs(angles[-1] - angles[0]).max() > 0.1
+    assert (np.abs(np.diff(angles, axis=0)) <= 1.5 * way * times[:, None] + 1e-6).all()
+    sim.reset()
+    sim.graph.until(
+        lambda: node.count('since the robot was put back') + node.count('since time went back'),
+        'another begin',
+    )
+
+
+def test_robot_follows_a_path_at_50_hertz_with_20_milliseconds_of_delay(sim):
+    """The targets of a simulated run hold over messages, within twice its errors."""
+    _, begin = sim.control(
+        'publish_rate:=50.0', 'follow.center:=[0.0, -1.5]', 'follow.radius:=1.5',
+        'follow.period:=0.02',
+    )  # fmt: skip
+    heard = len(sim.link_poses)
+    sim.advance_to(begin + 10.0)
+    assert state(sim) == 'in control'
+    path = PlanarPath.of(Following(center=(0.0, -1.5), radius=1.5))
+    centers = np.array(
+        [
+            np.mean([(each.position.x, each.position.y) for each in message.poses], axis=0)
+            for message in sim.link_poses[heard:]
+        ]
+    )
+    arcs, errors = path.track(centers[len(centers) // 2 :])
+    rms = math.sqrt(np.mean(errors**2))
+    assert rms < 0.1 * 11 * 0.14  # twice 5 % of the body length
+    assert abs(arcs[-1] - arcs[0]) > 0.4

@@ -109,7 +109,8 @@ def _fit(options: argparse.Namespace) -> int:
     plot = _plotter(options)
     replay, scene = _replay(options)
     unknowns = unknowns_of(replay.scene, options.free, replay.setup)
-    if (effect := start_effect(replay)) > MOST_START:
+    effect, residuals = start_effect(replay)
+    if effect > MOST_START:
         print(
             f'the recording tells little: the robot does not forget the start of a segment, an '
             f'error of {START_ERROR:g} rad there is {effect:.2g} times the noise after the '
@@ -119,7 +120,7 @@ def _fit(options: argparse.Namespace) -> int:
     with _progress('fit') as progress:
         found = fit(
             replay, unknowns, threads=options.threads,
-            globally=options.globally, seed=options.seed, progress=progress,
+            globally=options.globally, seed=options.seed, progress=progress, known=residuals,
         )  # fmt: skip
     judgement = judge(found, options.seed)
     suggested: tuple[str, ...] = ()

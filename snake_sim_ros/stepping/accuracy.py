@@ -113,8 +113,8 @@ def with_accuracy(
         If the accuracy or a period is not usable.
 
     """
-    if accuracy != scene.accuracy:
-        scene = with_settings(scene, {'accuracy': accuracy})
+    if not accuracy > 0.0:
+        scene = with_settings(scene, {'accuracy': accuracy})  # which says what it must be
     periods = period if isinstance(period, Mapping) else {'sampling period': period}
     divides = min(periods.values()) if 'dt' in given else common_divisor(scene, periods)
     settings = {
@@ -123,4 +123,4 @@ def with_accuracy(
         'solver.residual_tolerance': RESIDUAL,
     }
     free = {name: value for name, value in settings.items() if name not in given}
-    return with_settings(scene, free)
+    return with_settings(scene, free | {'accuracy': accuracy})

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,7 +20,9 @@ from snake_sim_ros.scene.parameters import Array, Scene, with_settings
 from snake_sim_ros.studies.replay import (
     ALIGNED,
     AS_STATED,
+    eased,
     FARTHEST_OFFSET,
+    has_eased,
     LOST,
     Replay,
     Residual,
@@ -36,6 +39,7 @@ LARGEST = 700.0  # logarithm of a number that a computer has, for ends of interv
 STEP = 0.02  # of differences: a share of a positive value
 LEAST_SIZE = 0.05  # of a value that is not positive, for its step and for relative changes
 TOLERANCE = 1e-6  # relative change of the sum of squares, or of the values, at which a fit ends
+EASED_TOLERANCE = 1e-2  # the same for a search in an eased model, from which another one starts
 MOST_EVALUATIONS = 60  # of the residuals, besides differences
 NEAR = np.log(10.0)  # a global stage searches within this factor of positive values
 SPREAD_END = 0.01  # share of the box at which a global stage ends
@@ -278,7 +282,7 @@ class Evaluations:
     ) -> None:
         self.replay, self.unknowns, self.pool, self.threads = replay, unknowns, pool, threads
         self.of_setup = np.array([unknown.names[0] in SETUP for unknown in unknowns], dtype=bool)
-        self.count = 0
+        self.count, self.is_eased = 0, False  # whether models are those of `replay.eased`
         self.report: Callable[[int, float], object] = lambda count, cost: None
         self._residuals: dict[bytes, list[Residual]] = {}  # of points since the last derivatives
         self._jacobians: dict[bytes, list[Array]] = {}  # of the last one
@@ -303,13 +307,36 @@ class Evaluations:
     def _of(self, points: Sequence[Array], part: tuple[Segment, ...]) -> list[list[Residual]]:
         """Return the residuals of some segments at points with one scene."""
         try:
-            scene = scene_at(self.replay.scene, self.unknowns, points[0])
+            scene = self._scene(points[0])
             setups = [setup_at(self.replay.setup, self.unknowns, x) for x in points]
             return self.replay.residuals_of(scene, setups, part)
         except ParameterError as error:
             pairs = zip(self.unknowns, points[0], strict=True)
             values = [unknown.value(float(place)) for unknown, place in pairs]
             raise ParameterError(f'values {values} cannot be simulated: {error}') from None
+
+    def _scene(self, x: Array) -> Scene:
+        """Return the scene of a point."""
+        scene = scene_at(self.replay.scene, self.unknowns, x)
+        return eased(scene) if self.is_eased else scene
+
+    def begin(self, x: Array, known: list[Residual] | None = None) -> None:
+        """
+        Begin a search at a point with what is compiled, and the residuals there if they are known.
+
+        Raises
+        ------
+        ParameterError
+            If no segment can be simulated there.
+
+        """
+        self._residuals, self._jacobians = {}, {}
+        if known:
+            self._residuals[x.tobytes()] = known
+        else:
+            self.replay.compile(self._scene(x))
+        if np.abs(self.flat(x)).min() >= LOST:
+            raise ParameterError('every segment diverges with the values of the scene')
 
     def residuals(self, x: Array) -> list[Residual]:
         """Return the residuals at a point."""
@@ -325,7 +352,11 @@ class Evaluations:
         return found
 
     def jacobians(self, x: Array) -> list[Array]:
-        """Return the derivatives of the residuals of each segment by central differences."""
+        """
+        Return the derivatives of the residuals of each segment by central differences.
+
+        Where a segment is lost on one side, they are those to the other side, and else 0.
+        """
         key = x.tobytes()
         if key not in self._jacobians:
             self._jacobians = {key: self._differences(x)}
@@ -336,17 +367,28 @@ class Evaluations:
         low, high = np.array([unknown.bounds for unknown in self.unknowns]).T
         steps = np.array([unknown.step for unknown in self.unknowns])
         ends = np.clip(x - steps, low, high), np.clip(x + steps, low, high)
-        count, spans = range(len(x)), ends[1] - ends[0]
-        points = [np.where(np.arange(len(x)) == k, end, x) for k in count for end in ends]
-        flat = [[item.flat() for item in residuals] for residuals in self.all(points)]
+        points = [np.where(np.arange(len(x)) == k, end, x) for k in range(len(x)) for end in ends]
+        there, here = self.all(points), self.residuals(x)
         return [
-            np.column_stack([(flat[2 * k + 1][j] - flat[2 * k][j]) / spans[k] for k in count])
-            for j in range(len(flat[0]))
-        ]
+            np.column_stack([
+                _slope([(ends[0][k], low[j]), (x[k], here[j]), (ends[1][k], high[j])])
+                for k, (low, high) in enumerate(zip(there[::2], there[1::2], strict=True))
+            ])
+            for j in range(len(here))
+        ]  # fmt: skip
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of all residuals."""
         return np.concatenate(self.jacobians(x))
+
+
+def _slope(places: Sequence[tuple[float, Residual]]) -> Array:
+    """Return the derivative of the flat residual of a segment along a coordinate."""
+    known = [(place, item) for place, item in places if not item.is_lost]
+    if len(known) < 2:
+        return np.zeros(len(places[0][1].flat()))
+    (low, before), (high, after) = known[0], known[-1]
+    return (after.flat() - before.flat()) / (high - low)
 
 
 def fit(
@@ -357,6 +399,7 @@ def fit(
     globally: int = 0,
     seed: int = 0,
     progress: Callable[[int, float], object] | None = None,
+    known: list[Residual] | None = None,
 ) -> Fit:
     """
     Return the values that explain a recording best.
@@ -373,6 +416,8 @@ def fit(
         Of the global stage.
     progress : callable, optional
         Called with the number of simulations so far and the sum of squares.
+    known : list of Residual, optional
+        Those of the scene of the replay, if it has been simulated.
 
     Raises
     ------
@@ -380,29 +425,52 @@ def fit(
         If no segment can be simulated with the values of the scene.
 
     """
-    replay.compile()
     x = np.array([unknown.coordinate(unknown.start) for unknown in unknowns])
     low, high = np.array([unknown.bounds for unknown in unknowns]).T
     count = threads or core_count()
     with closing_pool(ThreadPoolExecutor(count)) as pool:
         evaluate = Evaluations(replay, unknowns, pool, count)
         evaluate.report = progress or evaluate.report
-        if np.abs(evaluate.flat(x)).min() >= LOST:
-            raise ParameterError('every segment diverges with the values of the scene')
+        evaluate.is_eased = has_eased(replay, scene_at(replay.scene, unknowns, x))
+        evaluate.begin(
+            x, known if not evaluate.is_eased and _is_as_given(replay, unknowns) else None
+        )
         if globally:
             x = _searched(evaluate, x, low, high, globally, seed)
-        x, hold = np.clip(x, low, high), _hold(unknowns)
-        found = least_squares(
-            lambda y: np.concatenate([evaluate.flat(y), hold @ (y - x)]), x,
-            lambda y: np.concatenate([evaluate.jacobian(y), hold]), bounds=(low, high),
-            x_scale='jac', ftol=TOLERANCE, xtol=TOLERANCE, gtol=TOLERANCE,
-            max_nfev=MOST_EVALUATIONS,
-        )  # fmt: skip
+        x = start = np.clip(x, low, high)
+        if evaluate.is_eased:
+            x = _least_squares(evaluate, x, start, EASED_TOLERANCE).x
+            evaluate.is_eased = False
+            evaluate.begin(x)
+        found = _least_squares(evaluate, x, start, TOLERANCE)
         at_bound = tuple(
             unknown.name for unknown, side in zip(unknowns, found.active_mask, strict=True) if side
         )
         jacobians, residuals = evaluate.jacobians(found.x), evaluate.residuals(found.x)
         return Fit(replay, unknowns, found.x, residuals, jacobians, at_bound, evaluate.count)
+
+
+def _is_as_given(replay: Replay, unknowns: Sequence[Unknown]) -> bool:
+    """Return whether a search starts in the scene of a replay."""
+    given = flat_fields(replay.scene)
+    return all(
+        given[name][0] == unknown.start
+        for unknown in unknowns
+        for name in unknown.names
+        if name not in SETUP
+    )
+
+
+def _least_squares(evaluate: Evaluations, x: Array, start: Array, tolerance: float) -> Any:
+    """Return what SciPy finds from a point x, in a search that began at another."""
+    hold = _hold(evaluate.unknowns)
+    return least_squares(
+        lambda y: np.concatenate([evaluate.flat(y), hold @ (y - start)]), x,
+        lambda y: np.concatenate([evaluate.jacobian(y), hold]),
+        bounds=np.array([unknown.bounds for unknown in evaluate.unknowns]).T,
+        x_scale='jac', ftol=tolerance, xtol=tolerance, gtol=tolerance,
+        max_nfev=MOST_EVALUATIONS,
+    )  # fmt: skip
 
 
 def _hold(unknowns: Sequence[Unknown]) -> Array:

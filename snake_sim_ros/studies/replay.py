@@ -58,7 +58,7 @@ LOST = 1e3  # residual of a segment whose simulation fails, in units of the nois
 MOST_ITERATIONS = 1000
 START_ERROR = 5e-3  # rad, what a measured start is off by at most
 MOST_START = 0.1  # effect of such an error, in units of the noise, that is not said
-MOST_UNCONVERGED = 0.1  # share of the steps of a segment with which it is lost
+MOST_UNCONVERGED = 0.1  # share of the steps of a segment beyond which it is lost
 
 
 @dataclass(frozen=True)
@@ -207,12 +207,13 @@ class Setup(NamedTuple):
     How a motion was measured, where it was not with one clock, in the centers of links, and level.
 
     The clocks of the stamps are ahead of that of the commands. The pose of a link is that of its
-    frame, moved to a marker; all links that are measured have theirs in the same place.
+    frame, moved to a marker; all links that are measured have theirs in the same place. Axes are
+    those of messages: x along the link, toward the next one, y to the left and z up.
     """
 
     joints: float = 0.0  # offset of the clock of joint angles [s]
     poses: float = 0.0  # that of poses [s]
-    x: float = 0.0  # place of the marker, from the center of its link, in the link's frame [m]
+    x: float = 0.0  # place of the marker, from the center of its link, along its axes [m]
     y: float = 0.0
     z: float = 0.0
     roll: float = 0.0  # turn of the floor about x and then y of the frame of the poses [rad]
@@ -249,6 +250,11 @@ class Residual(NamedTuple):
         """Return all numbers that there are."""
         both = np.concatenate([self.poses.ravel(), self.joints.ravel()])
         return np.asarray(both[~np.isnan(both)])
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the segment could not be simulated."""
+        return bool((self.poses == LOST).all())
 
 
 class Replay:
@@ -352,9 +358,9 @@ class Replay:
             recording.position[poses], recording.orientation[poses], recording.joint_angle[joints],
         )  # fmt: skip
 
-    def compile(self) -> None:
-        """Compile what segments need, by the first one, before threads simulate them."""
-        self.residuals(self.scene, self.segments[:1])
+    def compile(self, scene: Scene) -> None:
+        """Compile what segments of a scene need, by the first one, before threads do."""
+        self.residuals(scene, self.segments[:1])
 
     def residuals(
         self,
@@ -371,18 +377,33 @@ class Replay:
         setups: Sequence[Setup],
         segments: tuple[Segment, ...] | None = None,
     ) -> list[list[Residual]]:
-        """Return the residuals of one simulation for each of some setups."""
+        """
+        Return the residuals of one simulation for each of some setups.
+
+        A segment that is lost where steps are divided as the accuracy asks for is simulated with
+        whole steps: after a jump, as at a start, contacts and joints with friction are often not
+        solved in short parts of a step.
+        """
         commanded, scene = self.references(scene), without_delay(scene)
+        scenes = [scene]
+        if scene.accuracy > 0.0:
+            scenes.append(with_settings(scene, {'accuracy': 0.0}))
+        steppers = [self._stepper(each) for each in scenes]
+        found: list[list[Residual]] = [[] for _ in setups]
+        for item in self.segments if segments is None else segments:
+            motions = (self._motion(scene, each, item, commanded) for each in steppers)
+            motion = next((each for each in motions if each is not None), None)
+            for residuals, setup in zip(found, setups, strict=True):
+                residuals.append(self._residual(scene, item, motion, setup))
+        self._known = self._known or steppers[0]
+        return found
+
+    def _stepper(self, scene: Scene) -> Stepper:
+        """Return the stepper of a scene, which knows what is compiled."""
         stepper = make_stepper(scene)
         if self._known:
             share_compiled(self._known, self._known_scene, stepper, scene)
-        found: list[list[Residual]] = [[] for _ in setups]
-        for item in self.segments if segments is None else segments:
-            motion = self._motion(scene, stepper, item, commanded)
-            for residuals, setup in zip(found, setups, strict=True):
-                residuals.append(self._residual(scene, item, motion, setup))
-        self._known = self._known or stepper
-        return found
+        return stepper
 
     def _residual(
         self, scene: Scene, segment: Segment, motion: CubicHermiteSpline | None, setup: Setup
@@ -410,15 +431,27 @@ class Replay:
         segment: Segment,
         commanded: tuple[Array, Array],
     ) -> CubicHermiteSpline | None:
-        """Return the simulated motion since the start of a segment; None if that fails."""
-        state = start_state(scene, segment.measured, is_flat=self.is_flat)
+        """
+        Return the simulated motion since the start of a segment.
+
+        It is None if a step fails or too many do not converge, which ends the simulation.
+        """
+        start = start_state(scene, segment.measured, is_flat=self.is_flat)
         angle, rate = (array[segment.steps] for array in commanded)
         samples = make_samples(scene, self.every, len(angle) // self.every)
-        report = stepper.advance(state, stepper.empty_history(), angle, rate, samples)[2]
-        if report.failure or report.unconverged > MOST_UNCONVERGED * report.steps:
-            return None
-        q = np.concatenate([state.q[None], samples.q])
-        u = np.concatenate([state.u[None], samples.u])
+        state, history, unconverged = start, stepper.empty_history(), 0
+        most = MOST_UNCONVERGED * len(angle)
+        portion = max(1, int(most))
+        for begin in range(0, len(angle), portion):
+            part = slice(begin, begin + portion)
+            state, history, report = stepper.advance(
+                state, history, angle[part], rate[part], samples.after(begin)
+            )
+            unconverged += report.unconverged
+            if report.failure or unconverged > most:
+                return None
+        q = np.concatenate([start.q[None], samples.q])
+        u = np.concatenate([start.u[None], samples.u])
         return motion_of(q, u, self.period)
 
     def start(self, scene: Scene) -> State:
@@ -426,25 +459,26 @@ class Replay:
         return start_state(scene, self.segments[0].measured, is_flat=self.is_flat)
 
 
-def start_effect(replay: Replay) -> float:
+def start_effect(replay: Replay) -> tuple[float, list[Residual]]:
     """
     Return how much an error of the starts of segments moves what is simulated after the burn-in.
 
     The yaw joints are off by START_ERROR in turn to both sides. It is the root mean square change
     of the residuals, in units of the noise: errors of a model are told from it only if larger.
+    The residuals without that error are returned, too.
     """
     count = replay.recording.joint_angle.shape[1]
     error = np.zeros((2, count, 2))
     error[0, :, 0] = START_ERROR * np.resize([1.0, -1.0], count)
-    moved = [
+    starts = [
         item._replace(measured=replace(item.measured, angle=item.measured.angle + error))
         for item in replay.segments
     ]
-    pairs = zip(
-        replay.residuals(replay.scene), replay.residuals(replay.scene, tuple(moved)), strict=True
-    )
-    change = np.concatenate([there.flat() - here.flat() for here, there in pairs])
-    return float(np.sqrt((change**2).mean()))
+    here = replay.residuals(replay.scene)
+    there = replay.residuals(replay.scene, tuple(starts))
+    pairs = zip(here, there, strict=True)
+    change = np.concatenate([moved.flat() - item.flat() for item, moved in pairs])
+    return float(np.sqrt((change**2).mean())), here
 
 
 def with_offsets(replay: Replay, streams: Container[str]) -> Replay:
@@ -479,7 +513,7 @@ def on_one_clock(recording: Recording, setup: Setup) -> Recording:
 
 def as_measured(q: Array, setup: Setup) -> Array:
     """Return the poses (..., 7) that are measured of links with coordinates q."""
-    marker, p = np.array([setup.x, setup.y, setup.z]), q[..., 3:]
+    marker, p = np.array([setup.y, setup.z, setup.x]), q[..., 3:]  # along the axes of B
     place = q[..., :3]
     if marker.any():
         place = place + rotation_matrices(p) @ marker
@@ -495,6 +529,25 @@ def without_delay(scene: Scene) -> Scene:
     if scene.robot.command_delay == 0.0:
         return scene
     return with_settings(scene, {'robot.command_delay': 0.0})
+
+
+def has_eased(replay: Replay, scene: Scene) -> bool:
+    """Return whether a search in a scene begins in an `eased` one."""
+    return replay.is_flat and bool(scene.robot.per_joint('friction')[:, 1].any())
+
+
+def eased(scene: Scene) -> Scene:
+    """
+    Return a scene of a robot that lies flat in which all segments are solved, and soon.
+
+    Pitch joints have no friction, and steps are not divided. Where friction holds pitch joints,
+    the links are one rigid body on many contacts, which are often not solved after the jump at the
+    start of a segment. What is found in this scene is near that of the whole one.
+    """
+    axes, friction = scene.robot.chain.axes, scene.robot.per_joint('friction')
+    friction[:, 1] = 0.0
+    each = tuple(friction[axes[:, 0], axes[:, 1]].tolist())
+    return with_settings(scene, {'robot.joint_friction': each, 'accuracy': 0.0})
 
 
 def motion_of(q: Array, u: Array, period: float) -> CubicHermiteSpline:

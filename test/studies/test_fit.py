@@ -7,6 +7,7 @@ import json
 import math
 from pathlib import Path
 import re
+import runpy
 import shlex
 from types import SimpleNamespace
 
@@ -47,13 +48,15 @@ from snake_sim_ros.studies.replay import (
     ReplaySettings,
     Residual,
     Setup,
+    start_effect,
     start_state,
     with_fit_steps,
     with_noise,
     with_offsets,
 )
 
-PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'fit.md').read_text(encoding='utf-8')
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / 'docs' / 'fit.md').read_text(encoding='utf-8')
 SETTINGS = ReplaySettings(segment=1.0, burn_in=1.5)
 DURATION, RATE = 4.7, 100.0  # s, Hz
 SHORT = {'robot.link_count': 7}  # a robot that takes less time
@@ -201,7 +204,7 @@ def measured_with(recording, setup):
 @pytest.mark.parametrize(
     ('setup', 'suggested'),
     [
-        (Setup(x=0.03, z=0.01), 'marker.x marker.y marker.z'),
+        (Setup(x=0.03, y=0.01), 'marker.x marker.y marker.z'),
         (Setup(roll=0.02, pitch=-0.03), 'frame.roll frame.pitch'),
         (Setup(poses=0.04), 'time_offset.poses'),
     ],
@@ -237,10 +240,10 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
 
 @pytest.mark.parametrize('seed', [1, 2])
 def test_what_a_recording_does_not_determine_stays(recording, seed):
-    # A marker beside the center of the one link that is measured moves its path as a whole, which
+    # A marker above the center of the one link that is measured moves its path as a whole, which
     # is moved to where it fits best: nothing but rounding and errors of steps ask for a place.
     replay = replay_of(measured_with(recording, Setup()), seed=seed)
-    found = fit(replay, unknowns_of(replay.scene, [*BOTH, 'marker.y'], replay.setup))
+    found = fit(replay, unknowns_of(replay.scene, [*BOTH, 'marker.z'], replay.setup))
     # A tenth of how far it may go; it was 0.5 m, all of that.
     assert abs(found.values[2]) < 0.05
     assert found.values[:2] == pytest.approx([0.1, 0.5], rel=0.05)
@@ -286,6 +289,19 @@ def test_a_robot_with_friction_in_its_joints_starts_flat():
 def test_a_segment_whose_contacts_are_not_solved_is_lost(recording):
     replay = replay_of(recording, **{'solver.iteration_limit': 1})
     assert all((item.flat() == LOST).all() for item in replay.residuals(replay.scene))
+
+
+def test_the_start_of_a_search_is_simulated_once(recording):
+    replay = replay_of(recording, seed=3, **{'friction.longitudinal': 0.2})
+    unknowns = unknowns_of(replay.scene, BOTH[:1])
+    _, residuals = start_effect(replay)
+    once = fit(replay, unknowns, known=residuals)
+    again = fit(replay, unknowns)
+    assert once.evaluations == again.evaluations - 1
+    assert once.values == pytest.approx(again.values, rel=1e-9)
+    # Residuals of another scene than the first one are not taken.
+    friction = unknowns_of(replay.scene, ['friction.longitudinal=friction.transversal'])
+    assert fit(replay, friction, known=residuals).values == fit(replay, friction).values
 
 
 def test_threads_and_repetitions_give_the_same_bits(recording):
@@ -552,6 +568,32 @@ def test_commands_of_the_page_run(tmp_path, monkeypatch, capsys):
         assert main([*words[1:], *shorter]) == 0, line
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result['explained'] and result['values']['friction.transversal']['value'] > 0.0
+
+
+def test_all_that_is_wrong_in_a_laboratory_is_found_by_one_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'examples').symlink_to(ROOT / 'examples')
+    section = PAGE.split('## A recording of a laboratory')[1].split('\n## ')[0]
+    (block,) = re.findall(r'^```sh\n(.*?)^```', section, re.MULTILINE | re.DOTALL)
+    run, script, one = (shlex.split(line) for line in block.replace('\\\n', ' ').splitlines())
+    assert main(run[1:]) == 0
+    assert script[:2] == ['./run', 'python']
+    monkeypatch.setattr('sys.argv', script[2:])
+    runpy.run_path(script[2], run_name='__main__')
+    assert main(one[1:]) == 0
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    made = dict(item.split('=') for item in run if '=' in item)
+    truth = {name: float(value) for name, value in made.items()} | {
+        'time_offset.poses': 0.04, 'marker.x': 0.03, 'frame.roll': 0.02, 'frame.pitch': -0.03
+    }  # fmt: skip
+    assert told['values'].keys() == truth.keys()
+    for name, value in truth.items():
+        found, (low, high) = told['values'][name]['value'], told['values'][name]['interval']
+        # Nothing is near it at the start, and it is within twice the interval at the end.
+        assert abs(told['values'][name]['start'] - value) > 2 * (high - low), name
+        assert found - 2 * (found - low) < value < found + 2 * (high - found), name
+        assert high - low < 0.25 * abs(value), name
+    assert (tmp_path / 'fitted.yaml').is_file()
 
 
 def test_the_command_writes_a_scene_and_a_picture(recording, folder, tmp_path, capsys):

@@ -55,6 +55,8 @@ from snake_sim_ros.studies.replay import (
     with_offsets,
 )
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / 'docs' / 'fit.md').read_text(encoding='utf-8')
 SETTINGS = ReplaySettings(segment=1.0, burn_in=1.5)

@@ -44,9 +44,6 @@ from snake_sim_ros.stepping.steps import (
 if TYPE_CHECKING:
     from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
 
-if TYPE_CHECKING:
-    from snake_sim_ros.stepping.planar.model import PlanarModel, PlanarWorkspace
-
 PITCH_ROUNDING = 1e-9  # pitch references up to this count as zero [rad], [rad/s]
 # Steps for which a loop is right: all, those that leave a flat robot flat, those with a pitch
 # reference that is not zero or with a push that lifts.

@@ -38,7 +38,9 @@ EXACT = ReplaySettings(noise_position=1.0, noise_angle=1.0, segment=0.5, burn_in
 # some 1e-5 rad, which is not forgotten.
 SAME = 1e-6  # m, rad
 READ = {
-    'joint_command': lambda message, last, robot, now: joint_command(message, last, robot, now),
+    'joint_command': lambda message, last, robot, now: joint_command(
+        message, last, robot, now, 0.05
+    ),
     'position_commands': lambda message, last, robot, now: position_commands(
         message, last, robot, now
     ),

@@ -19,7 +19,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, Table
 from snake_sim_ros.scene.parameters import Array, by_dotted_names, Robot, samples_of, Scene
 from snake_sim_ros.stepping.methods import with_usual_steps
-from snake_sim_ros.stepping.sampling import Command, command_of, Hooks, Keep, kept_of_run
+from snake_sim_ros.stepping.sampling import Command, command_of, Hooks, Keep
 from snake_sim_ros.stepping.simulation import sample, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies import metrics
@@ -115,7 +115,7 @@ def _shape(values: Any) -> tuple[int, ...] | None:
 # ---- runs ---------------------------------------------------------------------------------------
 
 
-KEPT = Keep(contacts=True)  # of runs with a controller of one's own, whose calls are short
+KEPT = Keep(contacts=True)
 Values = Mapping[str, Any]
 
 
@@ -306,9 +306,8 @@ def run(
         command = command_of(controller, loaded)
     elif controller:
         command = Command(_checked(controller, loaded.robot), steps)
-    keep = KEPT if controller else kept_of_run(loaded, steps, samples)
     hooks = Hooks(command, progress=progress)
-    trajectory = sample(simulation, steps, samples, keep=keep, hooks=hooks)
+    trajectory = sample(simulation, steps, samples, keep=KEPT, hooks=hooks)
     compiled = simulation.compile_seconds - compiled
     trajectory = replace(trajectory, seconds=time.perf_counter() - begin - compiled)
     return _run_of(trajectory)

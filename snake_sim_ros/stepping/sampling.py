@@ -97,18 +97,6 @@ class Hooks(NamedTuple):
 NO_LIMITS = Limits()
 NO_HOOKS = Hooks()
 STATES = Keep()
-MOST_JOINT_BYTES = 100_000_000  # of the joints after every step that a single run keeps
-
-
-def kept_of_run(scene: Scene, steps: int, samples: int) -> Keep:
-    """
-    Return what a single run keeps, with so many steps between two samples.
-
-    The joints after every step are those of the samples if each step has one, and too many of
-    them are not kept.
-    """
-    size = 3 * 8 * steps * samples * len(scene.robot.axis_names)
-    return Keep(contacts=True, joints=steps > 1 and size <= MOST_JOINT_BYTES)
 
 
 def begun_samples(simulation: 'Simulation', steps: int, samples: int) -> Samples:

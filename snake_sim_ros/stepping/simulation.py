@@ -34,7 +34,6 @@ from snake_sim_ros.stepping.sampling import (
     joint_motion,
     joint_rows,
     Keep,
-    kept_of_run,
     Limits,
     NO_HOOKS,
     NO_LIMITS,
@@ -501,8 +500,8 @@ def simulate(
     simulation.compile(scene.gait)
     begin, compiled = time.perf_counter(), simulation.compile_seconds
     trajectory = sample(
-        simulation, steps, samples, keep=kept_of_run(scene, steps, samples),
-        limits=Limits(keyboard=True), hooks=Hooks(observe=observe, progress=progress),
+        simulation, steps, samples, keep=Keep(contacts=True), limits=Limits(keyboard=True),
+        hooks=Hooks(observe=observe, progress=progress),
     )  # fmt: skip
     compiled = simulation.compile_seconds - compiled
     return replace(trajectory, seconds=time.perf_counter() - begin - compiled)

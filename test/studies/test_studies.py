@@ -12,23 +12,17 @@ import re
 import numpy as np
 import pytest
 
-from snake_sim_ros import ParameterError, Report, run, Scene, Simulation, study
+from snake_sim_ros import ParameterError, Report, Scene, Simulation, study
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene, samples_of, with_settings
 from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import Keep
-from snake_sim_ros.stepping.simulation import sample, simulate
+from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.trajectory import OF_CONTACTS, OF_SAMPLES, Trajectory
 from snake_sim_ros.studies import runs, workers
-from snake_sim_ros.studies.metrics import (
-    metric_of,
-    MetricError,
-    METRICS,
-    metrics_of_run,
-    USUAL_METRICS,
-)
+from snake_sim_ros.studies.metrics import metric_of, MetricError, METRICS, USUAL_METRICS
 from snake_sim_ros.studies.study import load_study, study_from, STUDY_KEYS, StudySettings
 from snake_sim_ros.studies.table import Journal, journal_of
 from snake_sim_ros.studies.variations import Listed, Normal, Range, Variations
@@ -343,18 +337,6 @@ def test_peaks_and_integrals_are_those_of_the_steps():
     for name in names[:3]:
         assert coarse[name] == full[name], name
     assert coarse['slip'] != full['slip']
-
-
-def test_a_run_has_the_numbers_of_a_study():
-    settings = {'duration': 0.5, 'dt': 0.0025}
-    names = ['energy', 'cost_of_transport', 'peak_torque', 'distance']
-    frame = study(
-        'lateral_undulation', {'friction.longitudinal': [0.1]}, names, set=settings, rate=20
-    )
-    scene = with_settings(load_scene('lateral_undulation'), settings)
-    for single in (run('lateral_undulation', settings, rate=20.0), simulate(scene, rate=20.0)):
-        found = metrics_of_run(single)
-        assert [found[name] for name in names] == [frame[name][0] for name in names]
 
 
 def test_joints_of_every_step_leave_the_run_alone():

@@ -240,9 +240,10 @@ class Portions:
         simulation, count = self.simulation, min(self.portion, most)
         if self.joints:
             count = min(count, MOST_KEPT)
-        begin = time.perf_counter()
+        times_references = self.limits.times_references
+        begin = time.perf_counter() if times_references else math.nan
         reference, compiled = self._reference(count), simulation.compile_seconds
-        begin = begin if self.limits.times_references else time.perf_counter()
+        begin = begin if times_references else time.perf_counter()
         if self.joints:
             done, count = self.done, len(reference[0])
             every = make_samples(simulation.scene, 1, count)

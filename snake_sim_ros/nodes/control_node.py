@@ -14,18 +14,16 @@ controller, the joints hold their last commanded angles.
 
 from dataclasses import dataclass
 import sys
-from threading import Event
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray
 import numpy as np
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from snake_sim_ros.controllers.controller import going_on, Measured, Reference
 from snake_sim_ros.controllers.named import controller_of
-from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.executors import serve, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import ClockWatch, Jumps, link_poses, MeasuredStart
 from snake_sim_ros.nodes.messages import COMMAND_FORMS
 from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
@@ -233,18 +231,9 @@ class ControlNode(Node):
         self.heard = self.get_clock().now().nanoseconds
 
 
-def run_control(node: ControlNode, stop: Event) -> None:
-    """Serve clock, timers and messages until the event is set."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    server = Server(executor, node.warn)
-    while not stop.is_set():
-        server.spin_once(timeout_sec=0.1)
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(ControlNode, run_control, args)
+    return run_node(ControlNode, serve, args)
 
 
 if __name__ == '__main__':

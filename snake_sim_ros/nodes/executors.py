@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 import math
+from threading import Event
 import time
 from typing import Any
 
@@ -147,3 +148,12 @@ class Server:
         end = time.perf_counter() + SERVING
         while time.perf_counter() < end:
             self.spin_once(timeout_sec=0)
+
+
+def serve(node: Any, stop: Event) -> None:
+    """Serve clock, timers, messages and services of a node with `warn` until an event is set."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    server = Server(executor, node.warn)
+    while not stop.is_set():
+        server.spin_once(timeout_sec=0.1)

@@ -10,7 +10,6 @@ scene; an empty one, the end of an open path, and poses that do not come stop th
 
 from dataclasses import dataclass
 import sys
-from threading import Event
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -19,7 +18,6 @@ from nav_msgs.msg import Path as PathMessage
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -28,7 +26,7 @@ from std_msgs.msg import Float64
 from snake_sim_ros.controllers.following import LineOfSight, speed_along
 from snake_sim_ros.controllers.paths import PlanarPath
 from snake_sim_ros.gaits.steering import Steering, Stride
-from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.executors import serve, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import link_poses
 from snake_sim_ros.nodes.messages import LATCHED, ODOM, WORLD
 from snake_sim_ros.nodes.node_parameters import parameter_fields, ParameterRequests, settle
@@ -242,18 +240,9 @@ class FollowNode(Node):
             self.guidance.speed = speed_along(following, self.scene.gait, stride)
 
 
-def run_follow(node: FollowNode, stop: Event) -> None:
-    """Serve clock, timers and messages until the event is set."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    server = Server(executor, node.warn)
-    while not stop.is_set():
-        server.spin_once(timeout_sec=0.1)
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(FollowNode, run_follow, args)
+    return run_node(FollowNode, serve, args)
 
 
 if __name__ == '__main__':

@@ -17,11 +17,9 @@ does so too after ~/restart, when time went back, and when the robot was put bac
 
 from dataclasses import dataclass, replace
 import sys
-from threading import Event
 
 from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -29,7 +27,7 @@ from std_srvs.srv import Trigger
 
 from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
-from snake_sim_ros.nodes.executors import Server, ThrottledWarnings
+from snake_sim_ros.nodes.executors import serve, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import (
     ClockWatch,
     Jumps,
@@ -297,18 +295,9 @@ class GaitNode(Node):
         self._aim()
 
 
-def run_gait(node: GaitNode, stop: Event) -> None:
-    """Serve clock, timer and services until the event is set."""
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    server = Server(executor, node.warn)
-    while not stop.is_set():
-        server.spin_once(timeout_sec=0.1)
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the node until a signal ends it."""
-    return run_node(GaitNode, run_gait, args)
+    return run_node(GaitNode, serve, args)
 
 
 if __name__ == '__main__':

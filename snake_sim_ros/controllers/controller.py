@@ -4,8 +4,8 @@
 What a controller is: from what a robot measures, the joint reference of the next period.
 
 The same object runs in `stepping.sampling`, which reads a simulation, and in a node, which reads
-messages. It never sees the truth: angles, rates and torques are those of the joints, and
-poses are there for controllers that ask for motion capture.
+messages. It never sees the truth: angles, rates and torques are those of the joints, and what
+else a robot may measure is there for controllers that ask for it.
 """
 
 from collections.abc import Callable
@@ -32,6 +32,12 @@ class Measured:
     position, orientation : ndarray, shape (n, 3) and (n, 4), or None
         Centers of the links [m, frame I] and Euler parameters of their frames B, scalar first, as
         motion capture sees them; None unless the controller asks for them.
+    contact_wrench : ndarray, shape (n, 6), or None
+        Force [N] of all contacts of each link, and torque about its center [N m], in the frame of
+        the link as messages have it; None unless the controller asks for them.
+    imu : ndarray, shape (n, 10), or None
+        Readings of an inertial unit in each link, as `stepping.exact_sensors.imu_readings` returns
+        them; None unless the controller asks for them.
 
     """
 
@@ -40,12 +46,16 @@ class Measured:
     joint_torque: Array
     position: Array | None = None
     orientation: Array | None = None
+    contact_wrench: Array | None = None
+    imu: Array | None = None
 
 
 @runtime_checkable
 class Controller(Protocol):
     """
     A controller, with a state of its own.
+
+    One that has `sees_contacts` or `sees_imus`, true, is given those measurements, too.
 
     Attributes
     ----------
@@ -81,6 +91,11 @@ class Controller(Protocol):
 
         """
         ...
+
+
+def sees(controller: Controller, what: str) -> bool:
+    """Return whether a controller asks for 'poses', 'contacts' or 'imus'."""
+    return bool(getattr(controller, f'sees_{what}', False))
 
 
 def going_on(begin: float, angle: Array, rate: Array) -> Reference:

@@ -4,24 +4,28 @@
 The `control` node: moves a robot by a controller, the same object that `run` takes.
 
 The controller is the one that the scene names; a path without a name has a `PathFollower`. It sees
-what the robot says on `joint_states`, and `link_poses` if it asks for motion capture, and its
-reference is published on `joint_command`. The node knows nothing of the simulator.
+what the robot says on `joint_states`, and on `link_poses`, `contact_forces` and `imu` if it asks
+for them, and its reference is published on `joint_command`. The node knows nothing of the
+simulator.
 
 Control begins where the robot is, and blends into the references of the controller. It begins anew
 when time goes back or the robot is put back. Without measurements, and after an error of the
 controller, the joints hold their last commanded angles.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import sys
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import PoseArray, WrenchStamped
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Imu
 
-from snake_sim_ros.controllers.controller import going_on, Measured, Reference
+from snake_sim_ros.controllers.controller import going_on, Measured, Reference, sees
 from snake_sim_ros.controllers.named import controller_of
 from snake_sim_ros.nodes.executors import serve, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import ClockWatch, Jumps, link_poses, MeasuredStart
@@ -94,6 +98,11 @@ class ControlNode(Node):
         self.due = self.until = 0.0  # of the next call, and end of the references [s]
         self.poses: tuple[Array, Array] | None = None
         self.heard = 0  # time of the last poses [ns]
+        self.contacts = self.imus = None
+        if sees(controller, 'contacts'):
+            self.contacts = LinkSensors(self, 'contact_forces', WrenchStamped, wrench_of)
+        if sees(controller, 'imus'):
+            self.imus = LinkSensors(self, 'imu', Imu, reading_of)
         self.calls, self.state = 0, 'waiting for a robot'
         self.form = COMMAND_FORMS[self.settings.command_type]
         self.commands = self.create_publisher(self.form.kind, self.form.topic, QoSProfile(depth=1))
@@ -101,7 +110,7 @@ class ControlNode(Node):
         self.jumps = Jumps(self.warn)
         self.watch = ClockWatch(self, self.jumps, self.warn)
         self.joints = MeasuredStart(self, self.robot, self.watch, self.jumps, used=True)
-        if controller.sees_poses:
+        if sees(controller, 'poses'):
             sensor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
             self.create_subscription(PoseArray, 'link_poses', self._on_poses, sensor)
         self.period = min(controller.period, 1.0 / self.settings.publish_rate)
@@ -135,6 +144,8 @@ class ControlNode(Node):
         if back:
             self.joints.forget(now)
             self.poses = None
+            for sensors in filter(None, (self.contacts, self.imus)):
+                sensors.forget()
         if back or put_back:
             self.begin, self.why = None, f', since {back or "the robot was put back"}'
         if self.jumps.many:
@@ -154,9 +165,10 @@ class ControlNode(Node):
         last, longest = self.joints.last, round(1e9 * self.settings.state_timeout)
         if last is None or (last.stamp and now - last.stamp > longest):
             return 'joint_states'
-        if self.controller.sees_poses and (self.poses is None or now - self.heard > longest):
+        if sees(self.controller, 'poses') and (self.poses is None or now - self.heard > longest):
             return 'link_poses'
-        return ''
+        silent = (each.silent(now - longest) for each in (self.contacts, self.imus) if each)
+        return next(filter(None, silent), '')
 
     def _begin(self, now: int) -> None:
         """Begin anew at the measured angles."""
@@ -177,8 +189,16 @@ class ControlNode(Node):
             return
         last = self.joints.last
         assert last
-        sees = self.poses if self.controller.sees_poses and self.poses else ()
-        measured = Measured(last.angle, last.rate, last.torque, *sees)
+        place, orientation = self.poses or (None, None)
+        measured = Measured(
+            last.angle,
+            last.rate,
+            last.torque,
+            place,
+            orientation,
+            contact_wrench=self.contacts.values.copy() if self.contacts else None,
+            imu=self.imus.values.copy() if self.imus else None,
+        )
         shape = (1, self.robot.link_count - 1, 2)
         try:
             reference = self.controller.control(measured, seconds)
@@ -229,6 +249,64 @@ class ControlNode(Node):
             self.warn('poses', f'link_poses: {error}')
             return
         self.heard = self.get_clock().now().nanoseconds
+
+
+class LinkSensors:
+    """
+    What a sensor in each link says.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, k)
+        The last reading of each.
+
+    """
+
+    def __init__(
+        self, node: ControlNode, topic: str, kind: Any, read: Callable[[Any], list[float]]
+    ) -> None:
+        names, sensor = node.robot.link_names, QoSProfile(depth=1)
+        sensor.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._node, self._read = node, read
+        self._topics = [f'{topic}/{name}' for name in names]
+        self.forget()
+        self.values = np.zeros((len(names), len(read(kind()))))
+        for link, name in enumerate(self._topics):
+            node.create_subscription(kind, name, self._listener(link), sensor)
+
+    def forget(self) -> None:
+        """Take what was said before as never said, since time goes back."""
+        self._heard = [-np.inf] * len(self._topics)  # when each was heard last [ns]
+
+    def silent(self, since: int) -> str:
+        """Return a topic on which nothing has come since a time [ns], if any."""
+        quiet = (t for t, heard in zip(self._topics, self._heard, strict=True) if heard <= since)
+        return next(quiet, '')
+
+    def _listener(self, link: int) -> Callable[[Any], None]:
+        def listen(message: Any) -> None:
+            values = self._read(message)
+            if not np.isfinite(values).all():
+                self._node.warn(
+                    self._topics[link], f'{self._topics[link]}: must be finite, got {values}'
+                )
+                return
+            self.values[link] = values
+            self._heard[link] = self._node.get_clock().now().nanoseconds
+
+        return listen
+
+
+def wrench_of(message: WrenchStamped) -> list[float]:
+    """Return force [N] and torque [N m]."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+
+
+def reading_of(message: Imu) -> list[float]:
+    """Return orientation x y z w, angular velocity [rad/s] and specific force [m/s^2]."""
+    p, rate, force = message.orientation, message.angular_velocity, message.linear_acceleration
+    return [p.x, p.y, p.z, p.w, rate.x, rate.y, rate.z, force.x, force.y, force.z]
 
 
 def main(args: list[str] | None = None) -> int:

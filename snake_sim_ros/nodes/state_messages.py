@@ -27,10 +27,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
-from snake_sim_ros.recording.from_messages import TO_WIRE, WIRE_AXES
+from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.scene.parameters import Array, Robot
 from snake_sim_ros.scene.posture import own_poses
-from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.rotations import rotation_matrices, WIRE_AXES
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.state import State
 

@@ -23,17 +23,12 @@ from snake_sim_ros.nodes.messages import BASE, LATCHED, ODOM, stamp_from, WORLD
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.state_messages import base_name, MARK, SerializedMessage, StateMessages
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
-from snake_sim_ros.recording.sensors import (
-    ACCELERATION,
-    ANGULAR_VELOCITY,
-    ORIENTATION,
-    SensorReader,
-    Sensors,
-)
+from snake_sim_ros.recording.sensors import SensorReader, Sensors
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
 from snake_sim_ros.scene.robot_description import robot_description
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.exact_sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION
 from snake_sim_ros.stepping.simulation import Simulation
 
 try:

@@ -20,14 +20,10 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Robot, Scene
 from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.robot_description import robot_of
-from snake_sim_ros.scene.rotations import product
+from snake_sim_ros.scene.rotations import B_TO_WIRE, product
 
-B_TO_WIRE = np.array(
-    [0.5, -0.5, -0.5, -0.5]
-)  # columns e_z, e_x, e_y: the inverse of rotations.FLAT
 # Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
 TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
-WIRE_AXES = [2, 0, 1]  # components of a vector in B that are those along x, y, z on the wire
 FORCE_SCALE = 0.02  # length of the line of a force [m/N]
 CYLINDER, LINE_LIST, CUBE_LIST, SPHERE_LIST = 3, 5, 6, 7  # types of visualization_msgs/Marker
 ADD = 0  # its action

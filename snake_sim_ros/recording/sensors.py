@@ -12,13 +12,11 @@ The bits of the noise depend on the seed, the sensor and the number of the sampl
 sensor has its own stream of random numbers, so that requests to one do not change another.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.recording.from_messages import B_TO_WIRE, WIRE_AXES
 from snake_sim_ros.scene.chain import euler_parameters, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
@@ -27,15 +25,21 @@ from snake_sim_ros.scene.checked_records import (
     quantity,
     quoted,
 )
-from snake_sim_ros.scene.obstacles import contact_links
-from snake_sim_ros.scene.parameters import Array, Robot, Scene
-from snake_sim_ros.scene.rotations import CONJUGATE, product, rotation_matrices
-from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
+from snake_sim_ros.scene.parameters import Array, Robot
+from snake_sim_ros.scene.rotations import B_TO_WIRE, CONJUGATE, product, rotation_matrices
+from snake_sim_ros.stepping.exact_sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    contact_wrenches,
+    imu_readings,
+    ORIENTATION,
+    turned,
+    wrenches_on_links,
+)
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 Links = str | int | tuple[str | int, ...]  # names and numbers of links, or all
-ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
 MEASURED = slice(4, 10)  # what an IMU measures with errors
 MOST_STATES = 10**15  # from one sample of a sensor to the next
 
@@ -245,98 +249,11 @@ class Imus(NamedTuple):
         if not self.place.any() and (self.turn[:, 0] == 1.0).all():
             return q, u
         R, omega = rotation_matrices(q[..., 3:]), u[..., 3:]
-        q[..., :3] += _turned(R, np.broadcast_to(self.place, omega.shape))
-        u[..., :3] += _turned(R, np.cross(omega, self.place))
+        q[..., :3] += turned(R, np.broadcast_to(self.place, omega.shape))
+        u[..., :3] += turned(R, np.cross(omega, self.place))
         q[..., 3:] = product(q[..., 3:], self.turn)
-        u[..., 3:] = _turned(rotation_matrices(self.turn * CONJUGATE), omega)
+        u[..., 3:] = turned(rotation_matrices(self.turn * CONJUGATE), omega)
         return q, u
-
-
-def imu_readings(
-    gravity: Sequence[float], q: Array, u: Array, before: Array, time: float
-) -> Array:
-    """
-    Return what inertial measurement units measure, without errors.
-
-    The specific force is that of the mean acceleration since the sample before: with it and
-    gravity, in the frame of the end, one gets the exact change of velocity. At rest it is 9.81
-    m/s^2 upward, in free fall 0.
-
-    Parameters
-    ----------
-    gravity : sequence of float, shape (3,)
-        [m/s^2, frame I]
-    q : ndarray, shape (..., 7)
-    u : ndarray, shape (..., 6)
-        Of links with an IMU at the center, or as `Imus.moves` returns them; see `state.State`.
-    before : ndarray, shape (..., 3)
-        Velocities at the sample before [m/s, frame I].
-    time : float
-        Time since then [s].
-
-    Returns
-    -------
-    ndarray, shape (..., 10)
-        Orientation in the world, a quaternion x y z w with w >= 0; angular velocity [rad/s];
-        specific force [m/s^2].
-
-    """
-    # Only sums and products of single numbers: matrix products round as their sizes let them.
-    found = np.empty((*q.shape[:-1], 10))
-    turned = product(q[..., 3:], B_TO_WIRE)[..., [1, 2, 3, 0]]
-    found[..., ORIENTATION] = np.where(turned[..., 3:] < 0.0, -turned, turned)
-    found[..., ANGULAR_VELOCITY] = u[..., 3:][..., WIRE_AXES]
-    force = (u[..., :3] - before) / time - np.asarray(gravity)
-    found[..., ACCELERATION] = in_link_frames(rotation_matrices(q[..., 3:]), force)
-    return found
-
-
-def in_link_frames(R: Array, vector: Array) -> Array:
-    """Return world vectors (..., 3) in the frames of links, whose frames B are R (..., 3, 3)."""
-    x, y, z = (vector[..., k, None] for k in range(3))
-    return np.asarray((R[..., 0, :] * x + R[..., 1, :] * y + R[..., 2, :] * z)[..., WIRE_AXES])
-
-
-def _turned(R: Array, vector: Array) -> Array:
-    """Return R v for matrices (..., 3, 3) and vectors (..., 3), by single products as well."""
-    x, y, z = (vector[..., k, None] for k in range(3))
-    return np.asarray(R[..., :, 0] * x + R[..., :, 1] * y + R[..., :, 2] * z)
-
-
-def wrenches_on_links(
-    scene: Scene, q: Array, sample: Array, number: Array, points: Array, forces: Array
-) -> Array:
-    """
-    Return the forces and torques of the contacts on the links, in the frames of the links.
-
-    Of two links that touch each other, each feels its force. Rolling friction, a torque without a
-    force, is not included.
-
-    Parameters
-    ----------
-    scene : Scene
-    q : ndarray, shape (m, n, 7)
-        Coordinates at the samples.
-    sample, number, points, forces : ndarray
-        Contacts as `contact_forces.sampled_forces` returns them.
-
-    Returns
-    -------
-    ndarray, shape (m, n, 6)
-        Force [N], and torque about the center of the link [N m].
-
-    """
-    m, n, _ = q.shape
-    force, torque = np.zeros((2, m * n, 3))  # frame I
-    links = contact_links(scene)[number] if len(number) else np.zeros((0, 2), dtype=int)
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        here = links[:, side] >= 0
-        row, link, acting = sample[here], links[here, side], sign * forces[here]
-        np.add.at(force, row * n + link, acting)
-        np.add.at(torque, row * n + link, np.cross(points[here] - q[row, link, :3], acting))
-    R = rotation_matrices(q[..., 3:]).reshape(m * n, 3, 3)
-    found = np.hstack([in_link_frames(R, force), in_link_frames(R, torque)])
-    return found.reshape(m, n, 6)
 
 
 # ---- noise --------------------------------------------------------------------------------------
@@ -499,7 +416,7 @@ class SensorReader:
         return int(self._simulation.step_count - self._begin) // steps
 
     def imus(self) -> Array:
-        """Return the readings of the IMUs, shape (links, 10), as `sensors.imu_readings` does."""
+        """Return the readings of the IMUs, shape (links, 10), as `imu_readings` does."""
         scene, row = self._simulation.scene, self._row_at(self._steps_in_sample)
         q, u = self._moves()
         if row != self._row:
@@ -510,12 +427,9 @@ class SensorReader:
         return found
 
     def wrenches(self) -> Array:
-        """Return the wrenches of the contacts, (links, 6), as `sensors.wrenches_on_links`."""
-        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
-        scene, state, history = simulation.scene, simulation.state, simulation.history
-        span, q = np.array([last_span(scene, history)]), state.q[None]
-        contacts = sampled_forces(scene, q, state.u[None], history.impulse[None], span)
-        found: Array = wrenches_on_links(scene, q, *contacts)[0, self.contact_links]
+        """Return the wrenches of the contacts, (links, 6), as `wrenches_on_links`."""
+        row = self._row_at(self._steps_in_sample)
+        found: Array = contact_wrenches(self._simulation)[self.contact_links]
         for wrench, noise in zip(found, self._contacts, strict=True):
             wrench[:] = noise.added(wrench, row)
         return found

@@ -17,6 +17,9 @@ from snake_sim_ros.scene.parameters import Array
 
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # of p, times it: the inverse rotation
 FLAT = np.array([0.5, 0.5, 0.5, 0.5])  # e_x^B = e_y^I, e_y^B = e_z^I, e_z^B = e_x^I
+# Axes of a link in messages: x along it, y to the left and z up if it lies flat (REP 103).
+B_TO_WIRE = CONJUGATE * FLAT  # columns e_z, e_x, e_y of B
+WIRE_AXES = [2, 0, 1]  # components of a vector in B that are those along x, y, z in messages
 
 
 def tilde(a: Array) -> Array:

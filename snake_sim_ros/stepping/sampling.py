@@ -8,18 +8,20 @@ second, so that a program can show its progress.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 import time
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Controller, Measured, Reference
+from snake_sim_ros.controllers.controller import Controller, Measured, Reference, sees
 from snake_sim_ros.controllers.named import controller_of
 from snake_sim_ros.dynamics import kinematics
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
+from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
 from snake_sim_ros.stepping.samples import make_samples, Samples
 from snake_sim_ros.stepping.trajectory import Trajectory
 
@@ -192,15 +194,20 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
     """
     controller.start(scene)
+    before: Array | None = None  # velocities at the last call, (n, 3) [m/s]
 
     def control(simulation: 'Simulation') -> Reference:
-        state = simulation.state if controller.sees_poses else None
-        measured = Measured(
-            simulation.joint_angle,
-            simulation.joint_velocity,
-            simulation.joint_torque,
-            *((state.q[:, :3], state.q[:, 3:]) if state else ()),
-        )
+        nonlocal before
+        joints = simulation.joint_angle, simulation.joint_velocity, simulation.joint_torque
+        measured, state = Measured(*joints), simulation.state
+        if sees(controller, 'poses'):
+            measured = replace(measured, position=state.q[:, :3], orientation=state.q[:, 3:])
+        if sees(controller, 'contacts'):
+            measured = replace(measured, contact_wrench=contact_wrenches(simulation))
+        if sees(controller, 'imus'):
+            before = state.u[:, :3] if before is None else before
+            read = imu_readings(scene.gravity, state.q, state.u, before, controller.period)
+            measured, before = replace(measured, imu=read), state.u[:, :3].copy()
         return controller.control(measured, simulation.time)
 
     return Command(control, steps_in(controller.period, scene.dt, 'period of the controller'))

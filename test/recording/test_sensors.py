@@ -20,17 +20,12 @@ from snake_sim_ros.commands.main import main
 from snake_sim_ros.recording.from_messages import TO_WIRE
 from snake_sim_ros.recording.recorded_runs import read_npz
 from snake_sim_ros.recording.sensors import (
-    ACCELERATION,
-    ANGULAR_VELOCITY,
     imu_noise,
-    imu_readings,
     link_index,
     Noise,
-    ORIENTATION,
     recorded_sensors,
     SensorReader,
     Sensors,
-    wrenches_on_links,
 )
 from snake_sim_ros.scene.chain import FixedFrame, roll_pitch_yaw
 from snake_sim_ros.scene.obstacles import contact_count, contact_links
@@ -38,6 +33,13 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.stepping.contact_forces import contact_forces
+from snake_sim_ros.stepping.exact_sensors import (
+    ACCELERATION,
+    ANGULAR_VELOCITY,
+    imu_readings,
+    ORIENTATION,
+    wrenches_on_links,
+)
 from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.sampling import joint_motion
 from snake_sim_ros.stepping.simulation import simulate

@@ -30,12 +30,30 @@ class Bent:
         return lambda t: (np.tile(bent, (len(t), 1, 1)), np.zeros((len(t), self.joints, 2)))
 """
 
+FEELING = """
+import numpy as np
+
+class Feeling:
+    period, sees_poses, sees_contacts, sees_imus = 0.05, False, True, True
+
+    def start(self, scene):
+        self.scene, self.joints = scene, scene.robot.link_count - 1
+
+    def control(self, measured, time):
+        force, up = measured.contact_wrench[:, 2].sum(), measured.imu[:, 9].mean()
+        weight = 9.81 * self.scene.robot.chain.mass.sum()
+        at_rest = abs(force / weight - 1) < 0.01 and abs(up / 9.81 - 1) < 0.01
+        bent = np.tile([0.3 if at_rest else 0.0, 0.0], (self.joints, 1))
+        return lambda t: (np.tile(bent, (len(t), 1, 1)), np.zeros((len(t), self.joints, 2)))
+"""
+
 
 @pytest.fixture(scope='module')
 def client(make_graph):
     client = SimClient(
-        make_graph(), 'real_time_factor:=2.5', 'publish_rate:=50.0', 'robot.command_delay:=0.02'
-    )
+        make_graph(), 'real_time_factor:=2.5', 'publish_rate:=50.0', 'robot.command_delay:=0.02',
+        'imu_links:=all', 'contact_force_links:=all',
+    )  # fmt: skip
     client.wait_until_connected()
     client.commanded = client.graph.record(JointState, 'joint_command')
     return client
@@ -96,6 +114,16 @@ def test_controller_of_a_user_moves_the_robot_and_its_errors_hold_it(sim, tmp_pa
         lambda: node.count('since the robot was put back') + node.count('since time went back'),
         'another begin',
     )
+
+
+def test_controller_feels_contacts_and_inertial_units(sim, tmp_path):
+    """A robot at rest bends where the ground carries its weight, and every IMU measures g."""
+    (tmp_path / 'feeling.py').write_text(FEELING)
+    sim.control(f'controller.name:={tmp_path / "feeling.py"}:Feeling')
+    sim.graph.until(
+        lambda: sim.commanded and min(sim.commanded[-1].position[::2]) > 0.29, 'the bend'
+    )
+    assert state(sim) == 'in control'
 
 
 def test_robot_follows_a_path_at_50_hertz_with_20_milliseconds_of_delay(sim):

@@ -51,8 +51,9 @@ def test_measurements_are_those_of_the_sensors(method):
         (imu[..., ACCELERATION], 'imu_linear_acceleration'),
         (wrench, 'contact_wrench'),
     )
+    # References differ by rounding, and steps are solved to 1e-9 m/s: 4e-6 N in 1/4000 s.
     for seen, name in pairs:
-        assert seen == pytest.approx(found[name][:count], rel=1e-9, abs=1e-9), name
+        assert seen == pytest.approx(found[name][:count], rel=1e-9, abs=1e-5), name
     assert np.abs(wrench).max() > 1.0
 
 

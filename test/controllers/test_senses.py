@@ -8,7 +8,6 @@ import pytest
 from snake_sim_ros import load_scene, run
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.exact_sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION
 from snake_sim_ros.stepping.simulation import simulate
 
@@ -36,9 +35,9 @@ class Feeling(Watching):
 
 @pytest.mark.parametrize('method', ['newton', 'bdf2'])
 def test_measurements_are_those_of_the_sensors(method):
-    scene = with_settings(load_scene('sidewinding'), {'duration': 1.0, 'method': method})
-    controller = Feeling()
-    run(scene, controller=controller)
+    values, controller = {'duration': 1.0, 'method': method, 'dt': 1 / 4000}, Feeling()
+    run('sidewinding', values, controller=controller)
+    scene = load_scene('sidewinding', values)
     sensors = Sensors(imu_links='all', contact_force_links='all')
     found = recorded_sensors(simulate(scene, rate=1 / PERIOD), sensors)
     count = len(controller.seen)

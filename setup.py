@@ -47,6 +47,8 @@ video = 'imageio-ffmpeg>=0.4.9,<0.7'
 # in a wheel as large as that of pyarrow, 50 MB. Clusters: Dask without its arrays and data frames.
 # Optimization: CMA-ES in 3 MB; a tenth of the overhead of Optuna, whose packages have 40 MB.
 studies = ['polars>=1,<3', 'distributed>=2023.5', 'cma>=4,<5']
+# Environments: the interface that learning libraries agree on, in 1 MB.
+learn = 'gymnasium>=1,<2'
 # The site: Sphinx, which rosdoc2 runs as well, with its theme and pages in Markdown.
 docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 
@@ -144,6 +146,7 @@ setup(
         'viewer': [viewer],
         'video': [video],
         'studies': studies,
+        'learn': [learn],
         'docs': docs,
         'test': [
             'pytest>=7',
@@ -161,6 +164,7 @@ setup(
             viewer,
             video,
             *studies,
+            learn,
             # Another reader of URDF files; 3.11 is its first Python.
             'mujoco-core>=4,<5; python_version >= "3.11"',
         ],

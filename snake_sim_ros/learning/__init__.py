@@ -1,0 +1,35 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Environments of Gymnasium: snakes that learn to move, to reach goals and to follow paths.
+
+An import registers them, as ``gymnasium.register_envs(snake_sim_ros.learning)`` says in words. A
+name with the module, ``snake_sim_ros.learning:snake_sim_ros/Forward-v0``, imports it as well.
+"""
+
+from typing import Any
+
+import gymnasium
+
+from snake_sim_ros.learning.environment import Randomization, SnakeEnv
+
+__all__ = ['ENVIRONMENTS', 'Randomization', 'SnakeEnv']
+
+EPISODE = 500  # control periods of an episode: 20 s at 25 Hz
+# Name -> arguments of `SnakeEnv`.
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    'snake_sim_ros/Forward-v0': {'task': 'forward'},
+    'snake_sim_ros/Goal-v0': {'task': 'goal', 'action': 'gait'},
+    'snake_sim_ros/Path-v0': {'task': 'path', 'action': 'gait'},
+    'snake_sim_ros/Pegs-v0': {
+        'task': 'forward',
+        'scene': 'obstacle_aided',
+        'action': 'residual',
+    },
+    'snake_sim_ros/Sidewinding-v0': {'task': 'goal', 'scene': 'sidewinding', 'action': 'gait'},
+}
+
+for name, values in ENVIRONMENTS.items():
+    gymnasium.register(
+        name, f'{SnakeEnv.__module__}:SnakeEnv', kwargs=values, max_episode_steps=EPISODE
+    )

@@ -1,0 +1,168 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Environments: the interface, the same bits whatever else runs, rewards, and what is refused."""
+
+import math
+import warnings
+
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+import numpy as np
+import pytest
+
+from snake_sim_ros import ParameterError, run
+from snake_sim_ros.learning import ENVIRONMENTS, Randomization, SnakeEnv
+
+NAMES = list(ENVIRONMENTS)
+# Forward with the waves of the scene: 0.52 rad, 1.4 rad/s, -0.87 rad between joints.
+WAVES = np.array([2 * math.radians(30) - 1, math.radians(80) / 4, -math.radians(50) / 1.6, 0.0])
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_gymnasium_finds_and_accepts_it_without_a_warning(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        env = gymnasium.make(name, render_mode='rgb_array')
+        check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize('action', ['angles', 'residual', 'gait', 'torques'])
+def test_an_episode_depends_on_seed_and_actions_alone(action):
+    """Alone, after another episode, and among other environments that step in between."""
+    random = {'friction': (0.7, 1.3), 'gains': (0.9, 1.1), 'joint_noise': 0.01}
+    values = {'task': 'goal', 'action': action, 'randomization': random, 'contacts': True}
+    actions = np.random.default_rng(3).uniform(-0.3, 0.3, (12, 20))
+
+    def episode(env, seed, beside=()):
+        first, _ = env.reset(seed=seed)
+        found = [first]
+        for each in actions[:, : env.action_space.shape[0]]:
+            observation, reward, *_ = env.step(each)
+            for other in beside:
+                other.step(other.action_space.sample())
+            found.append([*observation, reward])
+        return np.concatenate(found)
+
+    alone = episode(SnakeEnv(**values), 5)
+    env, other = SnakeEnv(**values), SnakeEnv(**values)
+    other.reset(seed=1)
+    assert (episode(env, 6) != alone).any()
+    assert (episode(env, 5, [other]) == alone).all()
+
+
+@pytest.mark.parametrize('threads', [1, 2])
+def test_vectors_of_environments_have_the_bits_of_single_ones(threads):
+    name, count = 'snake_sim_ros/Goal-v0', 3
+    mode = {1: 'sync', 2: 'async'}[threads]
+    vector = gymnasium.make_vec(name, num_envs=count, vectorization_mode=mode)
+    actions = np.random.default_rng(2).uniform(-1, 1, (6, count, 4))
+    found = [vector.reset(seed=10)[0], *(vector.step(each)[0] for each in actions)]
+    vector.close()
+    for k in range(count):
+        env = gymnasium.make(name)
+        own = [env.reset(seed=10 + k)[0], *(env.step(each[k])[0] for each in actions)]
+        assert (np.array(own) == np.array(found)[:, k]).all()
+
+
+def test_reward_of_the_way_forward_is_the_way():
+    """The gait of the scene as an action moves the robot as the scene does."""
+    env = SnakeEnv(action='gait', values={'gait.soft_start': 0.0}, energy_price=0.0)
+    env.reset(seed=0)
+    total = sum(env.step(WAVES)[1] for _ in range(100))
+    moved = run('lateral_undulation', {'gait.soft_start': 0.0}, duration=4.0, dt=1e-3)
+    way = moved.position[:, :, :2].mean(axis=1)
+    ahead = moved.position[0, 0, :2] - moved.position[0, -1, :2]
+    wanted = (way[-1] - way[0]) @ ahead / np.hypot(*ahead)
+    # Angles are linear within a period: 1/25 s of waves of 1.4 rad/s, (omega T)^2/8 = 4e-4.
+    assert total == pytest.approx(wanted, rel=0.01)
+    assert wanted > 0.2
+
+
+def test_goals_are_reached_and_end_the_episode():
+    env = SnakeEnv('goal', action='gait')
+    env.reset(seed=0)
+    env.task.goal = env._motion.place - [0.2, 0.0]
+    for _ in range(200):
+        _, _, terminated, truncated, info = env.step(WAVES)
+        assert not truncated
+        if terminated:
+            break
+    assert info['reward']['reached'] == 1.0
+    assert not info['failure']
+
+
+def test_path_rewards_what_is_covered():
+    env = SnakeEnv('path', action='gait', energy_price=0.0)
+    env.reset(seed=4)
+    begin = env.task.at.arc
+    terms = [env.step(WAVES)[4]['reward'] for _ in range(100)]
+    assert sum(term['covered'] for term in terms) == pytest.approx(env.task.at.arc - begin)
+    assert env.task.at.arc - begin > 0.2
+
+
+def test_observations_are_labelled_and_in_their_bounds():
+    env = SnakeEnv('goal', action='gait', contacts=True)
+    seen, _ = env.reset(seed=0)
+    assert len(env.observation_labels) == len(seen) == env.observation_space.shape[0]
+    assert len(env.action_labels) == env.action_space.shape[0]
+    for _ in range(20):
+        seen, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(seen)
+    weight = sum(
+        value
+        for label, value in zip(env.observation_labels, seen, strict=True)
+        if label.startswith('force z')
+    )
+    assert weight == pytest.approx(9.81 * env.base.robot.chain.mass.sum(), rel=0.05)
+
+
+def test_torques_act_and_nothing_else_does():
+    env = SnakeEnv(action='torques', energy_price=0.0)
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.zeros(10))
+    still = env._simulation.joint_angle.copy()
+    for _ in range(5):
+        env.step(np.full(10, 0.3))
+    assert np.abs(env._simulation.joint_angle - still).max() > 0.05
+
+
+def test_randomization_changes_what_it_says():
+    base = SnakeEnv().base
+    draws = np.random.default_rng(0)
+    random = Randomization(friction=(0.5, 0.5), gains=(2, 2), command_delay=(0.02, 0.02))
+    found = random.scene(base, draws)
+    assert found.friction.transversal == 0.5 * base.friction.transversal
+    assert found.robot.yaw_stiffness == 2 * base.robot.yaw_stiffness
+    assert found.robot.command_delay == pytest.approx(0.02)
+    assert Randomization().scene(base, draws) is base
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'task': 'jump'}, 'task: '),
+        ({'action': 'thoughts'}, 'action: '),
+        ({'render_mode': 'human'}, 'render_mode: '),
+        ({'rate': 0.0}, 'rate must be above 0 Hz and finite, got 0.0'),
+        ({'rate': 30.0}, 'period of actions'),
+        ({'randomization': {'friction': (1.3, 0.7)}}, 'friction must be two numbers in order'),
+        ({'randomization': {'joint_noise': math.nan}}, 'joint_noise must be at least 0 rad'),
+        ({'scene': 'concertina', 'action': 'gait'}, 'actions of a gait need a scene whose gait'),
+        ({'values': {'friction.transversal': -1.0}}, 'transversal'),
+    ],
+)
+def test_what_is_not_usable_gets_a_sentence(values, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        SnakeEnv(**values)
+
+
+@pytest.mark.parametrize('action', [np.zeros(3), np.full(10, math.nan)])
+def test_actions_that_are_none_are_refused(action):
+    env = SnakeEnv()
+    with pytest.raises(ParameterError, match='an episode begins with reset'):
+        env.step(np.zeros(10))
+    env.reset(seed=0)
+    with pytest.raises(ParameterError, match='an action must be 10 finite numbers'):
+        env.step(action)

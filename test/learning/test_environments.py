@@ -3,6 +3,10 @@
 """Environments: the interface, the same bits whatever else runs, rewards, and what is refused."""
 
 import math
+from pathlib import Path
+import re
+import subprocess
+import sys
 import warnings
 
 import gymnasium
@@ -13,6 +17,7 @@ import pytest
 from snake_sim_ros import ParameterError, run
 from snake_sim_ros.learning import ENVIRONMENTS, Randomization, SnakeEnv
 
+ROOT = Path(__file__).parents[2]
 NAMES = list(ENVIRONMENTS)
 # Forward with the waves of the scene: 0.52 rad, 1.4 rad/s, -0.87 rad between joints.
 WAVES = np.array([2 * math.radians(30) - 1, math.radians(80) / 4, -math.radians(50) / 1.6, 0.0])
@@ -137,6 +142,34 @@ def test_randomization_changes_what_it_says():
     assert found.robot.yaw_stiffness == 2 * base.robot.yaw_stiffness
     assert found.robot.command_delay == pytest.approx(0.02)
     assert Randomization().scene(base, draws) is base
+
+
+def test_the_programs_of_the_page_run():
+    page = (ROOT / 'docs' / 'learning.md').read_text(encoding='utf-8')
+    blocks = re.findall(r'^```python\n(.*?)^```', page, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(block, {})
+
+
+def test_page_names_all_environments():
+    page = (ROOT / 'docs' / 'learning.md').read_text(encoding='utf-8')
+    assert all(f'| `{name}` |' in page for name in NAMES)
+
+
+def test_example_learns_goals(tmp_path):
+    script = ROOT / 'examples' / 'learn_goals.py'
+    few = ['--generations', '1', '--episodes', '1', '--judged', '2', '--out', 'found.npy']
+    done = subprocess.run(
+        [sys.executable, script, *few], cwd=tmp_path, text=True, capture_output=True, timeout=120
+    )
+    assert re.fullmatch(
+        r'generation 1: best -?\d+\.\d\d\n'
+        r'policy: reward -?\d+\.\d\d, \d+ % of the goals reached\n'
+        r'gait: reward -?\d+\.\d\d, \d+ % of the goals reached\n',
+        done.stdout,
+    ), done.stdout + done.stderr
+    assert np.load(tmp_path / 'found.npy').shape == (16,)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from typing import Any
 import gymnasium
 
 from snake_sim_ros.learning.environment import Randomization, SnakeEnv
+from snake_sim_ros.learning.policy import PolicyController
 
-__all__ = ['ENVIRONMENTS', 'Randomization', 'SnakeEnv']
+__all__ = ['ENVIRONMENTS', 'PolicyController', 'Randomization', 'SnakeEnv']
 
 EPISODE = 500  # control periods of an episode: 20 s at 25 Hz
 # Name -> arguments of `SnakeEnv`.

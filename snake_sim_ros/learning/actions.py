@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from snake_sim_ros.controllers.controller import going_on, Reference
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -31,8 +32,6 @@ YAW = (
     ('offset [rad]', -0.4, 0.4, 0.4),
 )
 PITCH = (('pitch amplitude [rad]', 0.0, 0.4, 0.2), ('pitch phase [rad]', -math.pi, math.pi, 2.0))
-
-References = tuple[Array, Array]  # angles and rates (m, n-1, 2) [rad], [rad/s]
 
 
 class Actions(Protocol):
@@ -59,8 +58,8 @@ class Actions(Protocol):
         """Begin an episode."""
         ...
 
-    def references(self, action: Array, times: Array, begin: float, period: float) -> References:
-        """Return the references at times (m,) of the period that begins at a time [s]."""
+    def reference(self, action: Array, begin: float, period: float) -> Reference:
+        """Take an action at a time [s]; return the joint references of the period after it."""
         ...
 
     def state(self) -> Array:
@@ -91,15 +90,13 @@ class Angles:
         joints = scene.robot.link_count - 1
         self.last = gait.reference(scene.gait, np.zeros(1), joints)[0][0].reshape(-1)
 
-    def references(self, action: Array, times: Array, begin: float, period: float) -> References:
+    def reference(self, action: Array, begin: float, period: float) -> Reference:
         """Return straight ways from the last angles to these, within the limits of the rates."""
-        rate = np.zeros_like(self.last)
-        way = (self.signs * action - self.last[self.places]) / period
+        first, rate = self.last, np.zeros_like(self.last)
+        way = (self.signs * action - first[self.places]) / period
         rate[self.places] = np.clip(way, -self.rate, self.rate)
-        angle = self.last + (times - begin)[:, None] * rate
-        self.last = self.last + period * rate
-        shape = (len(times), -1, 2)
-        return angle.reshape(shape), np.broadcast_to(rate, angle.shape).reshape(shape).copy()
+        self.last = first + period * rate
+        return going_on(begin, first.reshape(-1, 2), rate.reshape(-1, 2))
 
     def state(self) -> Array:
         """Return nothing."""
@@ -124,12 +121,16 @@ class Residuals(Angles):
         self.gait, self.joints, self.now = scene.gait, scene.robot.link_count - 1, 0.0
         self.last = np.zeros(2 * self.joints)
 
-    def references(self, action: Array, times: Array, begin: float, period: float) -> References:
+    def reference(self, action: Array, begin: float, period: float) -> Reference:
         """Return the gait and the straight way from the last residuals to these."""
         self.now = begin + period
-        added = super().references(action, times, begin, period)
-        angle, rate = gait.reference(self.gait, times, self.joints)
-        return angle + added[0], rate + added[1]
+        added = super().reference(action, begin, period)
+
+        def reference(times: Array) -> tuple[Array, Array]:
+            parts = gait.reference(self.gait, times, self.joints), added(times)
+            return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1]
+
+        return reference
 
     def state(self) -> Array:
         """Return sine and cosine of the phase of the yaw wave."""
@@ -164,24 +165,29 @@ class GaitParameters:
         self.lags, self.phase = lags, yaw.phase
         self.last = np.array([*first, *more])
 
-    def references(self, action: Array, times: Array, begin: float, period: float) -> References:
+    def reference(self, action: Array, begin: float, period: float) -> Reference:
         """Return the waves."""
-        first = self.last
+        first, phase_0 = self.last, self.phase
         slope = np.clip((action - first) / period, -self.rate, self.rate)
-        age = (times - begin)[:, None]
-        now = (first + age * slope)[..., None]
-        phase = self.phase + age * (first[1] + 0.5 * age * slope[1]) + now[:, 2] * self.lags
-        phase_rate = now[:, 1] + slope[2] * self.lags
-        angle, rate = np.zeros((2, len(times), len(self.lags), 2))
-        angle[..., 0] = now[:, 0] * np.sin(phase) + now[:, 3]
-        rate[..., 0] = slope[0] * np.sin(phase) + now[:, 0] * phase_rate * np.cos(phase) + slope[3]
-        if self.has_pitch:
-            phase, phase_rate = phase + now[:, 5], phase_rate + slope[5]
-            angle[..., 1] = now[:, 4] * np.sin(phase)
-            rate[..., 1] = slope[4] * np.sin(phase) + now[:, 4] * phase_rate * np.cos(phase)
         self.phase += period * (first[1] + 0.5 * period * slope[1])
         self.last = first + period * slope
-        return angle, rate
+
+        def reference(times: Array) -> tuple[Array, Array]:
+            age = (times - begin)[:, None]
+            A, omega, lag, offset, *pitch = np.moveaxis(first + age * slope, 1, 0)[..., None]
+            phase = phase_0 + age * (first[1] + 0.5 * age * slope[1]) + lag * self.lags
+            phase_rate = omega + slope[2] * self.lags
+            angle, rate = np.zeros((2, len(times), len(self.lags), 2))
+            angle[..., 0] = A * np.sin(phase) + offset
+            rate[..., 0] = slope[0] * np.sin(phase) + A * phase_rate * np.cos(phase) + slope[3]
+            if self.has_pitch:
+                (A, shift), phase_rate = pitch, phase_rate + slope[5]
+                angle[..., 1] = A * np.sin(phase + shift)
+                rate[..., 1] = slope[4] * np.sin(phase + shift)
+                rate[..., 1] += A * phase_rate * np.cos(phase + shift)
+            return angle, rate
+
+        return reference
 
     def state(self) -> Array:
         """Return the phase of the first yaw joint, and where parameters are in their ranges."""
@@ -203,10 +209,10 @@ class Torques(Angles):
         limits = np.where(np.isinf(limits), TORQUE, limits)
         self.low, self.high = -limits, limits
 
-    def references(self, action: Array, times: Array, begin: float, period: float) -> References:
+    def reference(self, action: Array, begin: float, period: float) -> Reference:
         """Return angles of 0, which act on nothing."""
-        angle, rate = np.zeros((2, len(times), len(self.last) // 2, 2))
-        return angle, rate
+        still = np.zeros((len(self.last) // 2, 2))
+        return going_on(begin, still, still)
 
     def efforts(self, action: Array) -> Array | None:
         """Return the torques."""

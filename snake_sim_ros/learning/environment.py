@@ -16,6 +16,7 @@ import gymnasium
 from gymnasium.spaces import Box
 import numpy as np
 
+from snake_sim_ros.controllers.controller import Measured
 from snake_sim_ros.learning.actions import KINDS
 from snake_sim_ros.learning.tasks import Motion, TASKS
 from snake_sim_ros.scene.checked_records import nearest, ParameterError
@@ -241,19 +242,12 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         simulation = self._simulation
         if simulation is None:
             raise ParameterError('an episode begins with reset')
-        action = np.asarray(action, dtype=float)
-        if action.shape != self.actions.low.shape or not np.isfinite(action).all():
-            raise ParameterError(
-                f'an action must be {len(self.actions.low)} finite numbers, got {action.tolist()}'
-            )
-        low, high = self.actions.low, self.actions.high
-        action = low + 0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * (high - low)
+        action = self.physical(action)
         if (efforts := self.actions.efforts(action)) is not None:
             command_effort(simulation, efforts)
         done, dt = simulation.step_count - self._begin, simulation.scene.dt
         times = (done + 0.5 + np.arange(self.steps)) * dt
-        angle, rate = self.actions.references(action, times, done * dt, self.period)
-        simulation.advance(angle, rate)
+        simulation.advance(*self.actions.reference(action, done * dt, self.period)(times))
         before, self._motion = self._motion, Motion.of(simulation.state.q[:, :3])
         terms, terminated = self.task.progress(before, self._motion)
         power = np.abs(simulation.joint_torque * simulation.joint_velocity).sum()
@@ -263,23 +257,51 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         ends = terminated or bool(report.failure)
         return self._observation(), float(sum(terms.values())), ends, False, info
 
+    def physical(self, action: Array) -> Array:
+        """
+        Return an action in the units of `action_labels`.
+
+        Raises
+        ------
+        ParameterError
+            If it has another shape or is not finite.
+
+        """
+        low, high, given = self.actions.low, self.actions.high, np.asarray(action, dtype=float)
+        if given.shape != low.shape or not np.isfinite(given).all():
+            raise ParameterError(
+                f'an action must be {len(low)} finite numbers, got {given.tolist()}'
+            )
+        return np.asarray(low + 0.5 * (np.clip(given, -1.0, 1.0) + 1.0) * (high - low))
+
+    def observation(self, measured: Measured, motion: Motion) -> Array:
+        """Return the observation of what a robot measures, with readings of the head at least."""
+        assert measured.imu is not None
+        parts = [measured.joint_angle[self.acting], measured.joint_velocity[self.acting]]
+        parts.append(measured.imu[0])
+        if measured.contact_wrench is not None:
+            parts.append(measured.contact_wrench[:, :3].ravel())
+        parts += [self.actions.state(), self.task.command(motion)]
+        space = self.observation_space
+        return np.clip(np.concatenate(parts), space.low, space.high)  # type: ignore[attr-defined]
+
     def _observation(self) -> Array:
-        """Return what the robot measures now."""
+        """Return the observation of the present state."""
         simulation = self._simulation
         assert simulation
-        state = simulation.state
-        angle = simulation.joint_angle[self.acting]
+        state, angle = simulation.state, simulation.joint_angle
         if noise := self.randomization.joint_noise:
             angle = angle + self.np_random.normal(0.0, noise, len(angle))
         head, gravity = slice(0, 1), simulation.scene.gravity
-        imu = imu_readings(gravity, state.q[head], state.u[head], self._before, self.period)
+        measured = Measured(
+            angle,
+            simulation.joint_velocity,
+            simulation.joint_torque,
+            contact_wrench=contact_wrenches(simulation) if self.contacts else None,
+            imu=imu_readings(gravity, state.q[head], state.u[head], self._before, self.period),
+        )
         self._before = state.u[head, :3].copy()
-        parts = [angle, simulation.joint_velocity[self.acting], imu[0]]
-        if self.contacts:
-            parts.append(contact_wrenches(simulation)[:, :3].ravel())
-        parts += [self.actions.state(), self.task.command(self._motion)]
-        space = self.observation_space
-        return np.clip(np.concatenate(parts), space.low, space.high)  # type: ignore[attr-defined]
+        return self.observation(measured, self._motion)
 
     def render(self) -> Any:
         """Return a picture, (360, 640, 3) of uint8; None without a render mode."""

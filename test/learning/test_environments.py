@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import ParameterError, run
-from snake_sim_ros.learning import ENVIRONMENTS, Randomization, SnakeEnv
+from snake_sim_ros.learning import ENVIRONMENTS, PolicyController, Randomization, SnakeEnv
 
 ROOT = Path(__file__).parents[2]
 NAMES = list(ENVIRONMENTS)
@@ -144,10 +144,36 @@ def test_randomization_changes_what_it_says():
     assert Randomization().scene(base, draws) is base
 
 
+def test_policy_moves_a_robot_as_its_environment():
+    """The same actions from the same observations, in a run and as a controller by name."""
+
+    def policy(seen):
+        return np.tanh(WAVES + np.array([0.1 * seen[0], 0.0, 0.0, seen[-3] * 0.2]))
+
+    env = SnakeEnv('goal', action='gait')
+    seen, _ = env.reset(seed=3)
+    for _ in range(25):
+        seen, *_ = env.step(policy(seen))
+    goal = env.task.goal
+    followed = SnakeEnv('goal', action='gait')
+    controller = PolicyController(followed, policy)
+    made = run('lateral_undulation', controller=controller, duration=1.0, dt=1e-3, rate=25)
+    # The task has drawn another goal; with the same one both are the same.
+    assert followed.task.goal != pytest.approx(goal)
+    followed.task.start = lambda motion, draws: setattr(followed.task, 'goal', goal)
+    made = run('lateral_undulation', controller=controller, duration=1.0, dt=1e-3, rate=25)
+    assert made.position[-1] == pytest.approx(env._simulation.state.q[:, :3], abs=1e-9)
+
+
+def test_policies_of_torques_are_refused():
+    with pytest.raises(ParameterError, match='a controller commands angles'):
+        PolicyController(SnakeEnv(action='torques'), lambda seen: seen)
+
+
 def test_the_programs_of_the_page_run():
     page = (ROOT / 'docs' / 'learning.md').read_text(encoding='utf-8')
     blocks = re.findall(r'^```python\n(.*?)^```', page, re.MULTILINE | re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     for block in blocks:
         exec(block, {})
 

@@ -1,0 +1,66 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A policy that was learned in an environment as a controller: in runs, studies, and over ROS."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from snake_sim_ros.controllers.controller import Measured, Reference
+from snake_sim_ros.learning.actions import Torques
+from snake_sim_ros.learning.environment import SnakeEnv
+from snake_sim_ros.learning.tasks import Motion
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array, Scene
+
+
+class PolicyController:
+    """
+    Moves a robot by a policy.
+
+    It sees what the environment shows: joints, an inertial unit in every link, of which the head
+    counts, and poses, of which the command of the task is made.
+
+    Parameters
+    ----------
+    environment : SnakeEnv
+        What the policy was learned in. Its scene is not that of the robot: this has its own.
+    policy : callable
+        Returns the action for an observation.
+    seed : int, optional
+        Of the task.
+
+    Raises
+    ------
+    ParameterError
+        If actions are torques, which a controller does not command.
+
+    """
+
+    sees_poses = sees_imus = True
+
+    def __init__(
+        self, environment: SnakeEnv, policy: Callable[[Array], Array], seed: int = 0
+    ) -> None:
+        if isinstance(environment.actions, Torques):
+            raise ParameterError('a controller commands angles: the policy must not have torques')
+        self.environment, self.policy, self.seed = environment, policy, seed
+        self.period, self.sees_contacts = environment.period, environment.contacts
+
+    def start(self, scene: Scene) -> None:
+        """Begin an episode."""
+        self.environment.actions.start(scene)
+        self._motion: Motion | None = None
+
+    def control(self, measured: Measured, time: float) -> Reference:
+        """Return the references of the next action."""
+        environment = self.environment
+        assert measured.position is not None
+        motion = Motion.of(measured.position)
+        if self._motion:
+            environment.task.progress(self._motion, motion)
+        else:
+            environment.task.start(motion, np.random.default_rng(self.seed))
+        self._motion = motion
+        action = environment.physical(self.policy(environment.observation(measured, motion)))
+        return environment.actions.reference(action, time, self.period)

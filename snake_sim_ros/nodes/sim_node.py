@@ -275,17 +275,16 @@ class SimNode(Node):
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            _, scene = changed(self.settings, self.simulation.scene, parameters)
+            _, scene = changed(self.settings, self.inbox.modes.scene, parameters)
             make_stepper(scene)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
-        self.settings, scene = changed(self.settings, self.simulation.scene, parameters)
+        self.settings, scene = changed(self.settings, self.inbox.modes.scene, parameters)
         self.inbox.settings = self.handling.settings = self.settings
-        if scene != self.simulation.scene:
-            self.simulation.change(scene)
+        self.inbox.modes.change(scene)
         self._share_iterations()
 
     def _share_iterations(self) -> None:

@@ -38,6 +38,7 @@ from snake_sim_ros.nodes.received_commands import (
     ReceivedCommand,
     ReceivedTrajectory,
     RejectedCommand,
+    STREAM,
 )
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.scene.parameters import Array, Robot
@@ -267,6 +268,8 @@ class CommandInbox:
     def _read(
         self, message: JointState, last: JointReference, robot: Robot, now: float
     ) -> ReceivedCommand:
+        if self._heard is None or now - self._heard > STREAM:
+            self._unclaimed[:] = True  # Controllers may have been started anew.
         horizon = self.settings.command_horizon
         return joint_command(message, last, robot, now, horizon, self._unclaimed)
 

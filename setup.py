@@ -22,17 +22,16 @@ here = Path(__file__).resolve().parent
 # ROS comes from package.xml where ROS 2 is installed. These wheels are for machines without it:
 # in install_requires they would shadow a sourced installation.
 ros_wheels = {
-    distro: [
-        f'ros-{distro}-rclpy[fastrtps]=={rclpy}',
-        f'ros-{distro}-diagnostic-msgs=={interfaces}',
-        f'ros-{distro}-geometry-msgs=={interfaces}',
-        f'ros-{distro}-nav-msgs=={interfaces}',
-        f'ros-{distro}-sensor-msgs=={interfaces}',
-        f'ros-{distro}-std-srvs=={interfaces}',
-        f'ros-{distro}-trajectory-msgs=={interfaces}',
-        f'ros-{distro}-visualization-msgs=={interfaces}',
-    ]
-    for distro, rclpy, interfaces in [('jazzy', '7.1.6', '5.3.6'), ('kilted', '9.1.2', '5.5.1')]
+    'jazzy': [
+        'ros-jazzy-rclpy[fastrtps]==7.1.6',
+        'ros-jazzy-diagnostic-msgs==5.3.6',
+        'ros-jazzy-geometry-msgs==5.3.6',
+        'ros-jazzy-nav-msgs==5.3.6',
+        'ros-jazzy-sensor-msgs==5.3.6',
+        'ros-jazzy-std-srvs==5.3.6',
+        'ros-jazzy-trajectory-msgs==5.3.6',
+        'ros-jazzy-visualization-msgs==5.3.6',
+    ],
 }
 plots = ['matplotlib>=3.5,<4', 'Pillow>=9.1']
 # MCAP files and the messages in them, in Python alone, by those who define the format.

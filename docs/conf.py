@@ -11,6 +11,7 @@ import ast
 from dataclasses import fields, is_dataclass
 import inspect
 from pathlib import Path
+import re
 from typing import TYPE_CHECKING
 
 import snake_sim_ros
@@ -26,6 +27,7 @@ copyright = f'2026, {author}'
 version = release = snake_sim_ros.__version__
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 html_theme = 'sphinx_rtd_theme'
+html_static_path, html_css_files = ['_static'], ['site.css']
 myst_heading_anchors = 3
 # Tables that are in pages already; those that a page links to are pages without a place in a menu.
 exclude_patterns = ['paper/*.md', 'speed_accuracy/[!ce]*.md', 'speed_accuracy/drake/*.md']
@@ -50,7 +52,7 @@ def setup(app: 'Sphinx') -> None:
 def complete(app: 'Sphinx', page: str, source: list[str]) -> None:
     """Append what is written in docstrings to a page, or the file at the top that it shows."""
     if page == 'api':
-        source[0] += ''.join(map(directive, snake_sim_ros.__all__))
+        source[0] += ''.join(map(directive, in_order_of_use()))
     elif page == 'scene_keys':
         source[0] += '\n| key | default | unit | what |\n|---|---|---|---|\n' + keys(Scene)
     elif page == 'rooms':
@@ -84,6 +86,14 @@ def keys(record: type, begin: str = '') -> str:
         elif is_dataclass(field.default):
             rows += keys(type(field.default), f'{name}.')
     return rows
+
+
+def in_order_of_use() -> list[str]:
+    """Return all public names, as the page on Python lists them, and those that it does not."""
+    page = (Path(__file__).parent / 'python.md').read_text(encoding='utf-8')
+    listed = re.findall(r'`(\w+)`', page.partition('## All names')[2])
+    public = snake_sim_ros.__all__
+    return list(dict.fromkeys([*(name for name in listed if name in public), *public]))
 
 
 def directive(name: str) -> str:

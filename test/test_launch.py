@@ -10,19 +10,22 @@ import importlib.util
 from pathlib import Path
 import sys
 from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
 
 import pytest
 
+from snake_sim_ros.scene.files import parse_yaml
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.robot_description import robot_description
 
-FILE = Path(__file__).resolve().parent.parent / 'launch' / 'snake.launch.py'
+ROOT = Path(__file__).resolve().parent.parent
 
 
 class Given(SimpleNamespace):
     """Keeps its arguments."""
 
     def __init__(self, *arguments, **names):
+        names['arguments_of'] = names.pop('arguments', None)  # of the program that a Node starts
         super().__init__(arguments=arguments, **names)
 
     def perform(self, context):
@@ -49,10 +52,16 @@ def launch_file(monkeypatch):
     installed = []
     packages = sys.modules['ament_index_python.packages']
     packages.get_packages_with_prefixes = lambda: dict.fromkeys(installed, '')
-    spec = importlib.util.spec_from_file_location('snake_launch', FILE)
+    packages.get_package_share_directory = lambda name: str(ROOT)
+    return module_of('snake.launch.py'), installed
+
+
+def module_of(name):
+    """Return a launch file as a module."""
+    spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / name)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module, installed
+    return module
 
 
 def started(launch_file, **arguments):
@@ -130,3 +139,34 @@ def test_frames_and_page_are_started_where_they_are_installed(launch_file, monke
         'viewer': ('aiko', {'scene': scene, 'port': 8080}),
         'robot_state_publisher': ('aiko', frames),
     }
+
+
+def test_controllers_find_the_robot_and_its_topics(launch_file):
+    *declared, function = (
+        module_of('ros2_control.launch.py').generate_launch_description().arguments[0]
+    )
+    values = {item.arguments[0]: item.default_value for item in declared}
+    nodes = function.function(
+        {**values, 'scene': 'sidewinding', 'interfaces': 'position velocity'}
+    )
+    sim, publisher, manager, active, inactive = nodes
+    assert sim.parameters[0]['publish_robot_description'] is False
+    description = manager.parameters[0]['robot_description']
+    assert publisher.parameters == [manager.parameters[0]]
+    assert manager.parameters[0]['use_sim_time']
+    hardware = ElementTree.fromstring(description).find('ros2_control/hardware')
+    topics = {item.get('name'): item.text for item in hardware.findall('param')}
+    for name, own in (('joint_states', 'joint_states'), ('joint_commands', 'joint_command')):
+        assert topics[f'{name}_topic'] == f'/{dict(sim.remappings)[own]}'
+    file = values['controllers']
+    assert manager.parameters[1] == file
+    started = ['joint_state_broadcaster', 'joint_trajectory_controller']
+    assert active.arguments_of == [*started, '--param-file', file]
+    assert inactive.arguments_of[-1] == '--inactive'
+    # Each controller that is started has its type and joints of the robot in the file.
+    given = parse_yaml(Path(file).read_text(encoding='utf-8'))
+    names = list(load_scene('sidewinding').robot.axis_names)
+    for name in (*started, inactive.arguments_of[0]):
+        parameters = given[name]['ros__parameters']
+        assert parameters['type'].startswith(f'{name.replace("_position", "_command")}/')
+        assert parameters.get('joints', names) == names

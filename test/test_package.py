@@ -83,13 +83,12 @@ def keys(names):
 
 def test_rosdep_gets_what_runs_and_pictures_need(needed):
     assert keys(needed[None] | needed['plots']) <= depends('exec_depend')
-    for distro in ('jazzy', 'kilted'):
-        names = {item.removeprefix(f'ros-{distro}-').replace('-', '_') for item in needed[distro]}
-        assert names <= depends('exec_depend')
+    names = {item.removeprefix('ros-jazzy-').replace('-', '_') for item in needed['jazzy']}
+    assert names <= depends('exec_depend')
 
 
 def test_the_page_on_installation_names_what_rosdep_does_not_get(needed):
-    assert set(needed) == {None, 'plots', 'test', 'jazzy', 'kilted'} | OPTIONAL | SITE
+    assert set(needed) == {None, 'plots', 'test', 'jazzy'} | OPTIONAL | SITE
     for item in set().union(*(needed[extra] for extra in OPTIONAL)):
         assert f'`{item}`' in INSTALLATION
     (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", INSTALLATION)

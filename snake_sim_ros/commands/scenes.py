@@ -37,6 +37,7 @@ from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene
 from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.urdf_ros2_control import with_ros2_control
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples
@@ -197,8 +198,17 @@ def add_urdf(subparsers: Any) -> None:
     command.set_defaults(command=_urdf)
     add_scene_or_default(command)
     add_scene_options(command)
+    command.add_argument(
+        '--ros2-control', nargs='*', metavar='INTERFACE',
+        help='add a <ros2_control> element with these command interfaces: position (default), '
+        'velocity, effort',
+    )  # fmt: skip
 
 
 def _urdf(options: argparse.Namespace) -> int:
-    print(robot_description(scene_from(options, options.scene).robot))
+    robot = scene_from(options, options.scene).robot
+    text = robot_description(robot)
+    if options.ros2_control is not None:
+        text = with_ros2_control(text, robot, options.ros2_control or ['position'])
+    print(text)
     return 0

@@ -354,6 +354,12 @@ class LimitedReference:
         self._angle, self._time = np.array(angle), now
         self._late = np.zeros(angle.shape, dtype=bool)
 
+    def resume(self, axes: Array, angle: Array) -> None:
+        """Go on from other angles of some axes, counted along the robot, shape (k,) [rad]."""
+        self._angle = self._angle.copy()
+        self._angle.flat[axes] = angle
+        self._late.flat[axes] = False
+
     def limited(
         self, times: Array, angle: Array, rate: Array, *, period: float, limit: float | Array
     ) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ from snake_sim_ros.gaits.joint_reference import (
     Motion,
     start_posture,
 )
+from snake_sim_ros.nodes.control_modes import ControlModes
 from snake_sim_ros.nodes.executors import Refusals, ThrottledWarnings
 from snake_sim_ros.nodes.messages import seconds_from
 from snake_sim_ros.nodes.received_commands import (
@@ -32,10 +33,12 @@ from snake_sim_ros.nodes.received_commands import (
     joint_command,
     joint_trajectory,
     jump_between,
+    KINDS,
     position_commands,
     ReceivedCommand,
     ReceivedTrajectory,
     RejectedCommand,
+    STREAM,
 )
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.scene.parameters import Array, Robot
@@ -50,6 +53,9 @@ LATEST = QoSProfile(depth=1)  # A newer command replaces one that waits.
 # velocities, or 500 without. rclpy makes objects of them, 6 us a point, and holds the GIL for it,
 # so that a second thread would not help; 10 000 points take 60 ms, and 30 ms to be checked.
 LARGEST = 100_000
+# Distance of all joints from their commands [rad] up to which a JointStateTopicSystem of
+# ros2_control sends no more commands: its default trigger_joint_command_threshold.
+REACHED = 1e-5
 
 
 class Tracked(NamedTuple):
@@ -82,6 +88,8 @@ class CommandInbox:
         How many commands were clamped to the joint limit.
     limiter : LimitedReference
         Leads joints to their commands, no faster than they may turn.
+    modes : ControlModes
+        Which joints follow torques alone.
     is_open : bool
         Whether commands are taken, see `open`.
     watch : callable, optional
@@ -96,7 +104,10 @@ class CommandInbox:
         self.clamped = 0
         self.watch: Callable[[float], None] | None = None
         self.is_open = False
-        self._simulation, self._warn = simulation, warn
+        self._simulation, self._warn, self._log = simulation, warn, node.get_logger()
+        self.modes = ControlModes(simulation)
+        self._unclaimed = np.ones((len(KINDS), self.modes.free.size), dtype=bool)
+        self._confirmed = False  # whether the first command was
         self._reference = start_posture(simulation.scene)
         self.limiter = LimitedReference(self._reference.angle)
         self._heard: float | None = None  # simulated time of the last command [s]
@@ -190,6 +201,10 @@ class CommandInbox:
         """
         self._early.clear()
         now = self._simulation.time
+        if angle is not None:
+            angle = np.where(self.modes.free, self._measured_angle(), angle)
+        self.modes.reset()
+        self._unclaimed[:] = True
         self._void = now + 1e-6 if runs else 0.0  # stamps are rounded
         if angle is None:
             self._reference = start_posture(self._simulation.scene, now)
@@ -232,6 +247,12 @@ class CommandInbox:
         now, still = self._simulation.time, np.zeros(len(axes))
         self._reference = self._reference.commanded(axes, now, angle, still)
 
+    def _measured_angle(self) -> Array:
+        """Return the joint angles as they are, shape (n-1, 2) [rad]."""
+        state = self._simulation.state
+        angle, _ = joint_motion(self._simulation.scene.robot, state.q[None], state.u[None])
+        return angle[0]
+
     def _sampled(self, times: Array, horizon: float) -> tuple[Array, Array]:
         return self._reference.sample(times, horizon, self._simulation.scene.robot.limits)
 
@@ -247,7 +268,10 @@ class CommandInbox:
     def _read(
         self, message: JointState, last: JointReference, robot: Robot, now: float
     ) -> ReceivedCommand:
-        return joint_command(message, last, robot, now, self.settings.command_horizon)
+        if self._heard is None or now - self._heard > STREAM:
+            self._unclaimed[:] = True  # Controllers may have been started anew.
+        horizon = self.settings.command_horizon
+        return joint_command(message, last, robot, now, horizon, self._unclaimed)
 
     def _on_trajectory(self, data: bytes) -> None:
         def read() -> ReceivedTrajectory:
@@ -283,7 +307,8 @@ class CommandInbox:
         if not self.settings.publish_clock and hasattr(message, 'header'):
             # The stamp belongs to a clock that another node makes. Zero means now.
             message.header.stamp = Time()
-        scene, now, last = self._simulation.scene, self._simulation.time, self._reference
+        scene, now = self._simulation.scene, self._simulation.time
+        last = self._reference_from_torques(now)
         command, settings = read(message, last, scene.robot, now), self.settings
         if self._heard is None:  # There was no command yet, from which joints could have come.
             last = replace(last, stamp=np.full_like(last.stamp, -np.inf))
@@ -300,7 +325,19 @@ class CommandInbox:
             message.header.stamp = Time()
         now, horizon = self._simulation.time, self.settings.command_horizon
         robot = self._simulation.scene.robot
-        return joint_trajectory(message, self._reference, robot, now, horizon)
+        last = self._reference_from_torques(now)
+        return joint_trajectory(message, last, robot, now, horizon)
+
+    def _reference_from_torques(self, now: float) -> JointReference:
+        """Return the reference with axes that follow torques where they are, for what is next."""
+        free = np.flatnonzero(self.modes.free)
+        if not len(free):
+            return self._reference
+        limits = self._simulation.scene.robot.limits
+        angle = np.clip(self._measured_angle(), limits.low, limits.high).ravel()[free]
+        self.limiter.resume(free, angle)
+        there = self._reference.commanded(free, now, angle, np.zeros(len(free)))
+        return replace(there, stamp=self._reference.stamp)
 
     def _take(self, topic: str, read: Callable[[], C]) -> C:
         """Take a command; if it is rejected, warn why and raise."""
@@ -312,12 +349,10 @@ class CommandInbox:
         except RejectedCommand as error:
             self.reject(error)
             raise
+        if not command.given[1].any():  # No controller has claimed a joint.
+            return command
         self._reference = command.reference
-        if command.effort:
-            axes, torques = command.effort
-            effort = commanded_effort(self._simulation)
-            effort.flat[axes] = torques
-            command_effort(self._simulation, effort)
+        self._switch(command)
         if command.clamped:
             self.clamped += 1
             self._warn('clamped', command.clamped)
@@ -326,7 +361,27 @@ class CommandInbox:
         follows = self._heard is not None and now - self._heard <= self.settings.command_timeout
         self._stream = topic if follows else ''
         self._heard, self._silent = now, ''
+        if not self._confirmed:
+            self._confirmed = True
+            self._log.info(f'first command taken: {topic} {what_of(command)}')
         return command
+
+    def _switch(self, command: ReceivedCommand) -> None:
+        """Let the joints of a command be moved by what it has: references, torques, or both."""
+        axes, given = command.given
+        self._unclaimed[:, axes] &= ~given
+        by_reference = given[0] | given[1]
+        back = axes[by_reference & self.modes.free.flat[axes]]
+        if command.effort or len(back):
+            effort = commanded_effort(self._simulation)
+            effort.flat[back] = 0.0
+            if command.effort:
+                which, torques = command.effort
+                effort.flat[which] = torques
+            command_effort(self._simulation, effort)
+        some = by_reference | given[2]
+        self.modes.switch(axes[some], off=~by_reference[some])
+        self._reference = self._reference_from_torques(self._simulation.time)
 
     def reject(self, error: RejectedCommand) -> None:
         """Count a command that is rejected, and warn why."""
@@ -338,8 +393,17 @@ class CommandInbox:
         if not self._stream or not timeout or self._reference.motions:
             return
         if self._heard is not None and self._simulation.time - self._heard > timeout:
+            if self._has_arrived():
+                return
             self._warn('silent', f'no {self._stream} for {timeout:g} s; the last one is held')
             self._stream, self._silent = '', self._stream
+
+    def _has_arrived(self) -> bool:
+        """Return whether all joints are at rest at their commands, so that nobody repeats them."""
+        if self._reference.rate.any():
+            return False
+        off = np.abs(self._measured_angle() - self._reference.angle)
+        return float(off[~self.modes.free].sum()) <= REACHED
 
     def _watch_limit(self, now: float) -> None:
         """Warn when a command goes beyond the joint limit with its velocity."""
@@ -367,6 +431,15 @@ class CommandInbox:
         """Begin the next interval of diagnostics, after a look for other publishers."""
         self._others.look(self._topics, clock=self.settings.publish_clock)
         self._topics = {}
+
+
+def what_of(command: ReceivedCommand) -> str:
+    """Return how many joints a command moves, and by what, such as `20 joints by position`."""
+    _, given = command.given
+    kinds = [kind for kind, row in zip(KINDS, given, strict=True) if row.any()]
+    count = int(given.any(axis=0).sum())
+    joints = 'joint' if count == 1 else 'joints'
+    return f'moves {count} {joints} by {" and ".join(kinds) or "nothing"}'
 
 
 def _refuse_vertical(topic: str, command: ReceivedCommand, robot: Robot) -> None:

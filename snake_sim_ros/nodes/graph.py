@@ -30,7 +30,9 @@ from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.files import parse_yaml
 
 QUIET = 0.5  # s after which a command says that it waits
-DISCOVERY = 3.5  # s in which all nodes are found: they announce themselves every 3 s
+# Nodes of this package announce themselves four times a second, others of Fast DDS every 3 s: a
+# look around ends when nothing new was found for a while, at the latest when all should be there.
+SETTLED, DISCOVERY = 0.6, 3.5  # s
 ANSWER_TIMEOUT = 10.0  # s for a node to answer; `ros2` waits forever
 SENT_TIMEOUT = 1.0  # s for readers to confirm the last message
 
@@ -58,9 +60,19 @@ class Client:
         return future.result()
 
     def look_around(self) -> None:
-        """Wait until all nodes should have been found."""
-        self.until(lambda: False, DISCOVERY)
-        self.until(self.nodes, self.patience - DISCOVERY)
+        """Wait until nothing new is found, or all nodes should have been."""
+        begin = changed = time.monotonic()
+        before: Any = None
+
+        def is_settled() -> bool:
+            nonlocal before, changed
+            found = self.nodes(), self.node.get_topic_names_and_types()
+            if found != before:
+                before, changed = found, time.monotonic()
+            return bool(found[0]) and time.monotonic() - changed >= SETTLED
+
+        self.until(is_settled, DISCOVERY)
+        self.until(self.nodes, self.patience - (time.monotonic() - begin))
 
     def nodes(self) -> list[str]:
         """Return the full names of all nodes that are not hidden."""

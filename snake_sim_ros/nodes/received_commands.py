@@ -8,7 +8,7 @@ a sentence reports it. Any other message that is not usable is rejected with one
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import difflib
 from functools import lru_cache
 
@@ -49,6 +49,8 @@ class ReceivedCommand:
     """
 
     reference: JointReference  # of all joints from now on
+    # axes along the robot, and which of them have a position, a velocity, an effort, shape (3, k)
+    given: tuple[Array, Array]
     clamped: str = ''
     jump: str = ''
     moves_pitch: bool = False  # whether a trajectory has pitch joints that are not at zero
@@ -62,13 +64,22 @@ class ReceivedTrajectory(ReceivedCommand):
     motion: Motion
 
 
+KINDS = {'position': 'positions', 'velocity': 'velocities', 'effort': 'efforts'}
+
+
 def joint_command(
-    message: JointState, last: JointReference, robot: Robot, now: float, horizon: float
+    message: JointState,
+    last: JointReference,
+    robot: Robot,
+    now: float,
+    horizon: float,
+    unclaimed: Array | None = None,
 ) -> ReceivedCommand:
     """
     Take a command for some joints; the other joints keep their reference.
 
-    Velocities without positions move the joints on from where their references are.
+    Velocities without positions move the joints on from where their references are. Efforts
+    without both leave the references as they are.
 
     Parameters
     ----------
@@ -84,6 +95,10 @@ def joint_command(
         Simulated time [s].
     horizon : float
         Time for which the reference before is extrapolated [s].
+    unclaimed : ndarray of bool, shape (3, axes), optional
+        Axes along the robot that had no position, no velocity, no effort yet. There a NaN is what
+        ros2_control sends for an interface that no controller has claimed: no command. Default:
+        none, so that all numbers must be finite.
 
     Raises
     ------
@@ -93,36 +108,64 @@ def joint_command(
     """
     topic, names = 'joint_command', list(message.name)
     axes = axes_of(topic, names, robot)
-    count = len(names)
-    effort = _efforts(message, names, axes, robot) if robot.effort_commands else None
-    if effort and not message.position and not message.velocity:
-        return ReceivedCommand(last, effort=effort)
-    moves_on = message.velocity and not message.position
-    if len(message.position) != count and not moves_on:
-        raise RejectedCommand(
-            'length',
-            f'{topic} must have one position a name: got {len(message.position)} positions for '
-            f'{count} names',
-        )
-    if len(message.velocity) not in (0, count):
-        raise RejectedCommand(
-            'length',
-            f'{topic} must have no velocity or one a name: got {len(message.velocity)} velocities '
-            f'for {count} names',
-        )
-    velocity = np.array(message.velocity) if message.velocity else np.zeros(count)
-    check_finite(topic, 'position', names, np.array(message.position))
+    if unclaimed is None:
+        unclaimed = np.zeros((len(KINDS), len(robot.place_signs)), dtype=bool)
+    values = _numbers_of(topic, message, names, robot, unclaimed[:, axes])
+    given = ~np.isnan(values)
+    position, velocity, effort = values
+    moved = given[0] | given[1]
+    found = ReceivedCommand(last, (axes, given))
+    if given[2].any():
+        which = axes[given[2]]
+        found = replace(found, effort=(which, robot.place_signs[which] * effort[given[2]]))
+    if not moved.any():
+        return found
+    names = [name for name, moves in zip(names, moved, strict=True) if moves]
+    axes, position, velocity = axes[moved], position[moved], np.nan_to_num(velocity[moved])
     limits, signs = robot.limits_of_axes(axes), robot.place_signs[axes]
     check_rates(topic, names, velocity, limits)
-
     stamp = _stamp(topic, message, last, axes, now)
-    if moves_on:
-        position = signs * last.sample(np.array([stamp]), horizon, robot.limits)[0].flat[axes]
-    else:
-        position = np.array(message.position)
+    if (goes_on := np.isnan(position)).any():
+        there = signs * last.sample(np.array([stamp]), horizon, robot.limits)[0].flat[axes]
+        position = np.where(goes_on, there, position)
     position, clamped = clamped_to(topic, names, position, limits)
     reference = last.commanded(axes, stamp, signs * position, signs * velocity)
-    return ReceivedCommand(reference, clamped, effort=effort)
+    return replace(found, reference=reference, clamped=clamped)
+
+
+def _numbers_of(
+    topic: str, message: JointState, names: list[str], robot: Robot, unclaimed: Array
+) -> Array:
+    """Return position, velocity and effort of named joints, (3, k), NaN where there is none."""
+    count = len(names)
+    lists = {kind: getattr(message, kind) for kind in KINDS}
+    if not robot.effort_commands:
+        if len(message.effort) and not (message.position or message.velocity):
+            raise RejectedCommand(
+                'effort',
+                f'{topic}: efforts alone need a robot that takes them: robot.effort_commands is '
+                f'false',
+            )
+        lists['effort'] = []
+    if not any(len(each) for each in lists.values()):
+        raise RejectedCommand(
+            'length',
+            f'{topic} must have one position a name: got 0 positions for {count} names',
+        )
+    found = np.full((len(KINDS), count), np.nan)
+    for row, (kind, given) in enumerate(lists.items()):
+        if not given:
+            continue
+        if len(given) != count:
+            number = 'one position' if kind == 'position' else f'no {kind} or one'
+            raise RejectedCommand(
+                'length',
+                f'{topic} must have {number} a name: got {len(given)} {KINDS[kind]} '
+                f'for {count} names',
+            )
+        found[row] = given
+        check_finite(topic, kind, names, np.where(unclaimed[row] & np.isnan(given), 0.0, given))
+    return found
 
 
 def _stamp(
@@ -144,23 +187,6 @@ def _stamp(
             f'{topic} is late: stamped {stamp:.4f} s, after one of {newest:.4f} s was taken',
         )
     return stamp
-
-
-def _efforts(
-    message: JointState, names: list[str], axes: Array, robot: Robot
-) -> tuple[Array, Array] | None:
-    """Return axes and torques of a command, None if it has none; raise if they are not usable."""
-    if not message.effort:
-        return None
-    if len(message.effort) != len(names):
-        raise RejectedCommand(
-            'length',
-            f'joint_command must have no effort or one a name: got {len(message.effort)} efforts '
-            f'for {len(names)} names',
-        )
-    effort = np.array(message.effort)
-    check_finite('joint_command', 'effort', names, effort)
-    return axes, robot.place_signs[axes] * effort
 
 
 def position_commands(
@@ -187,7 +213,13 @@ def position_commands(
     limits = robot.limits_of_axes(robot.axis_places)
     position, clamped = clamped_to(topic, names, position, limits)
     angle, still = robot.axis_signs * position, np.zeros(len(names))
-    return ReceivedCommand(last.commanded(robot.axis_places, now, angle, still), clamped)
+    reference = last.commanded(robot.axis_places, now, angle, still)
+    return ReceivedCommand(reference, positions_of(robot.axis_places), clamped)
+
+
+def positions_of(axes: Array) -> tuple[Array, Array]:
+    """Return what is given where some axes have positions alone, see `ReceivedCommand.given`."""
+    return axes, np.outer((True, False, False), np.ones(len(axes), dtype=bool))
 
 
 def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: float) -> str:
@@ -434,8 +466,11 @@ def joint_trajectory(
         motion = Motion(axes, times[first:], pieces[first + 1 :])
     rest = [each[first:] for each in message.extremes]
     swing = _check_pieces(message, times[first + 1 :], rest, robot) or swing
-    found = last.moved(motion), message.clamped or swing, jump, message.moves_pitch
-    return ReceivedTrajectory(*found, motion=motion)
+    return ReceivedTrajectory(
+        *(last.moved(motion), positions_of(axes), message.clamped or swing, jump),
+        *(message.moves_pitch,),
+        motion=motion,
+    )
 
 
 def _points(message: JointTrajectory) -> tuple[Array, Array, Array | None]:

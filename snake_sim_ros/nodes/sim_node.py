@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The `sim` node: a virtual Aiko that follows joint commands and publishes its state."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
 import gc
@@ -21,12 +22,13 @@ from snake_sim_ros.gaits.joint_reference import compile_sampling, start_posture
 from snake_sim_ros.nodes.command_inbox import CommandInbox
 from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of, NotCompiledError, refuse
 from snake_sim_ros.nodes.diagnostics import LoadMeter, SlowSteps, status_of, values_of
+from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.executors import make_executor, Refusals, Server, ThrottledWarnings
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
-from snake_sim_ros.nodes.sim_services import Handling, serve_entities, serve_simulation
+from snake_sim_ros.nodes.sim_services import Handling, serve_simulation
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -64,6 +66,8 @@ class SimNode(Node):
         Set by the services.
     level_changes : int
         How often the model level changed.
+    between : callable, optional
+        What is done between messages while simulated time stands still.
     compiler : Compiler, optional
         What compiles the physics beside the node; None when all of it is ready.
 
@@ -87,6 +91,7 @@ class SimNode(Node):
         self.paused = self.settings.start_paused
         self.stop = Event()
         self.level_changes = 0
+        self.between: Callable[[], None] | None = None
         self.warn = ThrottledWarnings(self)
         self.load, self.slow_steps = LoadMeter(), SlowSteps()
         overrides = self.get_parameters_by_prefix('qos_overrides')
@@ -119,7 +124,7 @@ class SimNode(Node):
         # Loading takes half a second, in which no service could answer.
         ParameterRequests(self)
         serve_simulation(self)
-        serve_entities(self, self.simulation, self.handling)
+        serve_entities(self, self.simulation, self.handling.placing)
         serve_trajectories(self, self.inbox)
 
     def _load(self, level: str) -> None:
@@ -275,17 +280,16 @@ class SimNode(Node):
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            _, scene = changed(self.settings, self.simulation.scene, parameters)
+            _, scene = changed(self.settings, self.inbox.modes.scene, parameters)
             make_stepper(scene)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
-        self.settings, scene = changed(self.settings, self.simulation.scene, parameters)
+        self.settings, scene = changed(self.settings, self.inbox.modes.scene, parameters)
         self.inbox.settings = self.handling.settings = self.settings
-        if scene != self.simulation.scene:
-            self.simulation.change(scene)
+        self.inbox.modes.change(scene)
         self._share_iterations()
 
     def _share_iterations(self) -> None:
@@ -344,7 +348,11 @@ def keep_time(node: SimNode, stop: Event) -> None:
         if load.complete(now):
             node.publish_diagnostics()
         if node.halted:
-            executor.spin_once(timeout_sec=WAIT)
+            if node.between:
+                node.between()
+                executor.serve_some()
+            else:
+                executor.spin_once(timeout_sec=WAIT)
             due = time.perf_counter()
             load.halted += due - now
             continue

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from snake_sim_ros.recording.sensors import link_index, Sensors
 from snake_sim_ros.scene.checked_records import flat_fields, quantity
 from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
+from snake_sim_ros.scene.urdf_ros2_control import check_interfaces
 from snake_sim_ros.stepping.accuracy import with_accuracy
 
 CHANGEABLE = (
@@ -62,6 +63,9 @@ class Settings(Sensors):
     )
     publish_clock: bool = quantity(True, '', 'publish /clock; only one node in a graph should')
     publish_robot_description: bool = quantity(True, '', 'publish robot_description')
+    ros2_control: str = quantity(
+        '', '', 'command interfaces of a <ros2_control> element in robot_description; empty = none'
+    )
     publish_tf: bool = quantity(True, '', 'publish /tf and /tf_static where tf2_msgs is installed')
     frame_prefix: str = quantity(
         'auto', '', 'prefix of the frames odom and base_link; auto = namespace and a slash'
@@ -83,6 +87,8 @@ class Settings(Sensors):
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the node cannot run a scene with these settings."""
         self.pushed_link(scene.robot)
+        if self.ros2_control:
+            check_interfaces(self.ros2_control.split(), scene.robot)
 
 
 def as_it_runs(settings: Settings, scene: Scene, given: Container[str]) -> Scene:

@@ -10,30 +10,26 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 """
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
+from snake_sim_ros.nodes import standard
 from snake_sim_ros.nodes.executors import Refusals
 from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
+from snake_sim_ros.nodes.placing import FASTEST, FASTEST_TURN, numbers_of, Placing, too_fast
 from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.scene.checked_records import ParameterError, quoted
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.files import CONFIG, files_of_package
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.posture import own_poses, pose_of_middle
-from snake_sim_ros.scene.robot_description import ROBOT_NAME
-from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
-from snake_sim_ros.stepping.controlled import place
 from snake_sim_ros.stepping.simulation import Simulation
-
-try:
-    from simulation_interfaces import msg as standard, srv as standard_services
-except ImportError:  # The ROS 2 packages on PyPI do not have it.
-    standard = standard_services = None
 
 # ---- reset, pause and step ----------------------------------------------------------------------
 
@@ -45,12 +41,20 @@ except ImportError:  # The ROS 2 packages on PyPI do not have it.
 
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
-FEATURES = (
-    *('ENTITY_STATE_GETTING', 'ENTITY_STATE_SETTING'),
-    *('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
-    *('SIMULATION_STATE_GETTING', 'SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
-    *('STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE'),
-)
+FEATURES = {  # what serves it -> features
+    'GetEntities': ('ENTITY_BOUNDS_BOX', 'ENTITY_CATEGORIES'),
+    'GetEntityBounds': ('ENTITY_BOUNDS',),
+    'GetEntityInfo': ('ENTITY_INFO_GETTING',),
+    'GetEntityState': ('ENTITY_STATE_GETTING',),
+    'SetEntityState': ('ENTITY_STATE_SETTING',),
+    'ResetSimulation': ('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
+    'GetSimulationState': ('SIMULATION_STATE_GETTING',),
+    'SetSimulationState': ('SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
+    'StepSimulation': ('STEP_SIMULATION_SINGLE', 'STEP_SIMULATION_MULTIPLE'),
+    'SimulateSteps': ('STEP_SIMULATION_ACTION',),
+    'GetCurrentWorld': ('WORLD_INFO_GETTING',),
+    'GetAvailableWorlds': ('AVAILABLE_WORLDS',),
+}
 
 
 class Controllable(Protocol):
@@ -60,6 +64,8 @@ class Controllable(Protocol):
     failure: str
     compiling: str
     seconds: float
+    settings: Settings
+    between: Callable[[], None] | None  # what is done between messages while time stands still
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
         """Offer a service, as every node can."""
@@ -120,35 +126,46 @@ class StandardServices:
             ('SetSimulationState', self._on_set_state),
             ('ResetSimulation', self._on_reset),
             ('StepSimulation', self._on_step),
+            ('GetCurrentWorld', self._on_world),
+            ('GetAvailableWorlds', self._on_worlds),
         ):
             topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
-            node.create_service(getattr(standard_services, name), f'~/{topic}', callback)
+            # An older version of the package may not have it.
+            if kind := getattr(standard.services, name, None):
+                node.create_service(kind, f'~/{topic}', callback)
 
     @property
     def state(self) -> int:
         """State in the numbers of the standard; stopped until played, paused or stepped."""
-        states = standard.SimulationState
+        states = standard.messages.SimulationState
         if not self.node.paused and not self.node.failure:
             return int(states.STATE_PLAYING)
         stopped = self.stopped and self.node.seconds == 0.0
         return int(states.STATE_STOPPED if stopped else states.STATE_PAUSED)
 
     def _on_features(self, _: Any, response: Any) -> Any:
-        features = standard.SimulatorFeatures
+        features = standard.messages.SimulatorFeatures
         # An older version of the package does not have all of them.
-        known = [name for name in FEATURES if hasattr(features, name)]
-        response.features.features = [getattr(features, name) for name in known]
+        known = [
+            getattr(features, name)
+            for served, names in FEATURES.items()
+            if hasattr(standard.services, served) or hasattr(standard.actions, served)
+            for name in names
+            if hasattr(features, name)
+        ]
+        response.features.features = sorted(known)
         response.features.custom_info = 'snake_sim_ros: a step is one publish period'
         return response
 
     def _on_get_state(self, _: Any, response: Any) -> Any:
         response.state.state = self.state
-        response.result.result = standard.Result.RESULT_OK
+        response.result.result = standard.messages.Result.RESULT_OK
         return response
 
     def _on_set_state(self, request: Any, response: Any) -> Any:
-        states, wanted, result = standard.SimulationState, request.state.state, response.result
-        result.result = standard.Result.RESULT_OK
+        states, wanted = standard.messages.SimulationState, request.state.state
+        result = response.result
+        result.result = standard.messages.Result.RESULT_OK
         if wanted == self.state:
             result.result = type(response).ALREADY_IN_TARGET_STATE
         elif wanted == states.STATE_PLAYING and self.node.failure:
@@ -163,7 +180,7 @@ class StandardServices:
             self.node.paused = self.stopped = True
             self.node.reset(state=True, time=True)
         else:
-            result.result = standard.Result.RESULT_FEATURE_UNSUPPORTED
+            result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
             result.error_message = f'state must be 0 (stopped), 1 (playing) or 2, got {wanted}'
         return response
 
@@ -171,19 +188,19 @@ class StandardServices:
         kind = type(request)
         scope = request.scope or kind.SCOPE_ALL
         time, state = bool(scope & kind.SCOPE_TIME), bool(scope & kind.SCOPE_STATE)
-        response.result.result = standard.Result.RESULT_OK
+        response.result.result = standard.messages.Result.RESULT_OK
         if not time and not state:
-            response.result.result = standard.Result.RESULT_FEATURE_UNSUPPORTED
+            response.result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
             response.result.error_message = f'scope must have bit 1 or 2, got {scope}'
         elif self.node.compiling:
-            response.result.result = standard.Result.RESULT_OPERATION_FAILED
+            response.result.result = standard.messages.Result.RESULT_OPERATION_FAILED
             response.result.error_message = self.node.compiling
         else:
             self.node.reset(state=state, time=time)
         return response
 
     def _on_step(self, request: Any, response: Any) -> Any:
-        result = standard.Result
+        result = standard.messages.Result
         response.result.result = result.RESULT_OK
         if self.node.compiling or not self.node.paused:
             response.result.result = result.RESULT_OPERATION_FAILED
@@ -195,20 +212,124 @@ class StandardServices:
             response.result.error_message = why
         return response
 
+    def _on_world(self, _: Any, response: Any) -> Any:
+        fill_world(response.world, self.node.settings.scene)
+        response.result.result = standard.messages.Result.RESULT_OK
+        return response
+
+    def _on_worlds(self, request: Any, response: Any) -> Any:
+        result = standard.messages.Result
+        response.result.result = result.RESULT_OK
+        why = 'scenes have no tags' if request.filter.tags else ''
+        if request.additional_sources and not request.continue_on_error:
+            why = 'only the scenes of the package are listed, no additional sources'
+        if why:
+            response.result.result = result.RESULT_FEATURE_UNSUPPORTED
+            response.result.error_message = why
+            return response
+        for name in files_of_package(robots=False):
+            response.worlds.append(standard.messages.WorldResource())
+            fill_world(response.worlds[-1], name)
+        return response
+
+
+def fill_world(world: Any, source: str) -> None:
+    """Fill a WorldResource with a scene, by its name or the name of its file."""
+    path = Path(source).resolve() if Path(source).is_file() else CONFIG / f'{source}.yaml'
+    world.name, world.world_resource.uri = path.stem, path.as_uri()
+    world.description = 'scene of snake_sim_ros: robot, friction, obstacles and gait'
+
+
+class ServedSteps:
+    """
+    The goals of the action ``~/simulate_steps``: steps of a paused simulation, one after another.
+
+    Between two of them the node serves messages, so that a goal can be canceled.
+
+    Parameters
+    ----------
+    node : SimNode
+    kind : type
+        The type of the action.
+
+    """
+
+    def __init__(self, node: Controllable, kind: Any) -> None:
+        self._node, self._kind = node, kind
+        self._goal: Any = None
+        self._done = self._wanted = 0
+        self._is_canceled = False
+
+    def serve(self) -> None:
+        """Serve the action."""
+        ActionServer(
+            self._node,
+            self._kind,
+            '~/simulate_steps',
+            execute_callback=lambda goal: None,  # Each goal gets one of its own.
+            goal_callback=lambda request: GoalResponse.ACCEPT,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+        )
+
+    def _on_accepted(self, goal: Any) -> None:
+        if self._goal is not None:
+            self._end(goal, 'another goal takes steps')
+        elif self._node.compiling or not self._node.paused:
+            self._end(goal, self._node.compiling or STILL_RUNNING)
+        else:
+            self._goal, self._done, self._wanted = goal, 0, goal.request.steps
+            self._is_canceled, self._node.between = False, self._advance
+
+    def _on_cancel(self, goal: Any) -> CancelResponse:
+        if self._goal is None or self._goal.goal_id != goal.goal_id:
+            return CancelResponse.REJECT
+        self._is_canceled = True
+        return CancelResponse.ACCEPT
+
+    def _advance(self) -> None:
+        """Take a step, or end the goal."""
+        node, goal = self._node, self._goal
+        why = node.failure or node.compiling or ('' if node.paused else 'no longer paused')
+        if not (why or self._is_canceled) and self._done < self._wanted:
+            node.step()
+            why = node.failure or node.compiling
+            if not why:
+                self._done += 1
+                feedback = self._kind.Feedback(
+                    completed_steps=self._done, remaining_steps=self._wanted - self._done
+                )
+                goal.publish_feedback(feedback)
+        if why or self._is_canceled or self._done >= self._wanted:
+            self._goal, node.between = None, None
+            self._end(goal, why, canceled=self._is_canceled and not why)
+
+    def _end(self, goal: Any, why: str, *, canceled: bool = False) -> None:
+        """End a goal with a result: an error, if there is a sentence on one."""
+        codes = standard.messages.Result
+
+        def finish(goal: Any) -> Any:
+            result = self._kind.Result()
+            failed = codes.RESULT_OPERATION_FAILED
+            result.result.result = failed if why else codes.RESULT_OK
+            result.result.error_message = why
+            (goal.abort if why else goal.canceled if canceled else goal.succeed)()
+            return result
+
+        goal.execute(finish)
+
 
 def serve_simulation(node: Controllable) -> None:
     """Offer the services of a node whose packages are installed."""
     SimulationServices(node)
-    if standard is not None:
+    if standard.services is not None:
         StandardServices(node)
+    if kind := getattr(standard.actions, 'SimulateSteps', None):
+        ServedSteps(node, kind).serve()
 
 
 # ---- pushes and placing -------------------------------------------------------------------------
 
-TURN = np.array([0.0, 0.0, 0.0, 1.0])  # half a turn about z, from the middle link to the base
-FASTEST, FASTEST_TURN = 100.0, 50.0  # m/s, rad/s of a link beyond which nothing pushes
-FARTHEST = 1e4  # m from the origin where a robot may be put
-UNIT_ERROR = 1e-3  # by which the norm of a quaternion may be off 1
 LATEST = QoSProfile(depth=1)
 SEVERAL = QoSProfile(depth=10)  # pushes on several links at once
 
@@ -231,6 +352,7 @@ class Handling:
     settings : Settings
         The node replaces them when its parameters change.
     refusals : Refusals
+    placing : Placing
 
     """
 
@@ -243,7 +365,7 @@ class Handling:
         moved: Callable[[], Any],
     ) -> None:
         self.settings, self.refusals = settings, refusals
-        self._simulation, self._moved = simulation, moved
+        self._simulation, self.placing = simulation, Placing(simulation, moved)
         settings.pushed_link(simulation.scene.robot)
         node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
         node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
@@ -258,48 +380,10 @@ class Handling:
             self._simulation.pushes.clear()
             self.refusals.add('push', f'push: ended, since a link moves {too_fast(speed, spin)}')
 
-    def place(self, frame: str, position: Any, orientation: Any) -> None:
-        """
-        Put the robot where ``base_link`` has a pose.
-
-        Parameters
-        ----------
-        frame : str
-            Name of the frame of the pose.
-        position, orientation : Point, Quaternion
-            Of geometry_msgs.
-
-        Raises
-        ------
-        ParameterError
-            If the pose is not usable.
-
-        """
-        if frame.rpartition('/')[2] not in ('', WORLD, ODOM):
-            raise ParameterError(f'the frame must be {WORLD} or {ODOM}, got {quoted(frame)}')
-        r = numbers_of(position, 'xyz', 'position')
-        if np.abs(r).max() > FARTHEST:
-            raise ParameterError(
-                f'position must be within {FARTHEST:g} m, got ({", ".join(f"{x:g}" for x in r)}) m'
-            )
-        x, y, z, w = numbers_of(orientation, 'xyzw', 'orientation')
-        norm = float(np.linalg.norm((x, y, z, w)))
-        if not abs(norm - 1.0) <= UNIT_ERROR:
-            raise ParameterError(
-                f'orientation must be a unit quaternion, got a norm of {norm:.4g}'
-            )
-        p, robot = np.array([w, x, y, z]) / norm, self._simulation.scene.robot
-        if robot.links:
-            middle = pose_of_middle(robot, self._simulation.state.q, r, p)
-            place(self._simulation, *middle)
-        else:
-            place(self._simulation, r, product(product(p, -TURN), FLAT))
-        self._moved()
-
     def _on_pose(self, message: PoseStamped) -> None:
         pose = message.pose
         try:
-            self.place(message.header.frame_id, pose.position, pose.orientation)
+            self.placing.rest_at(message.header.frame_id, pose)
         except ParameterError as error:
             self.refusals.add('set_pose', f'set_pose: {error}')
 
@@ -338,111 +422,3 @@ class Handling:
             raise ParameterError(
                 f'link {link + 1} alone would, after {period:g} s, move {too_fast(speed, spin)}'
             )
-
-
-def too_fast(speed: float, spin: float) -> str:
-    """Return a clause on a speed [m/s] and a spin [rad/s] with which nothing is pushed."""
-    return (
-        f'at {speed:.4g} m/s and turn at {spin:.4g} rad/s; at most {FASTEST:g} m/s and '
-        f'{FASTEST_TURN:g} rad/s'
-    )
-
-
-def base_of_link(quaternion: Array) -> Array:
-    """Return the orientation x y z w of ``base_link`` from that of the middle link."""
-    x, y, z, w = quaternion
-    return np.roll(product(np.array([w, x, y, z]), TURN), -1)
-
-
-def numbers_of(message: Any, names: str, what: str) -> Array:
-    """Return fields of a message as numbers; raise an error if one is not finite."""
-    found = np.array([getattr(message, name) for name in names])
-    if not np.isfinite(found).all():
-        raise ParameterError(f'{what} must be finite, got ({", ".join(f"{x:g}" for x in found)})')
-    return found
-
-
-# ---- entities of simulation_interfaces ----------------------------------------------------------
-
-# The state of the robot and of its links, by the services of simulation_interfaces.
-#
-# They are offered where that package is installed. The entity `snake_robot`, as the URDF calls it,
-# has the pose of ``base_link``, which may be set; links, such as `link_6`, can be asked for.
-
-
-class EntityServices:
-    """
-    Offers ``~/get_entity_state`` and ``~/set_entity_state``.
-
-    Parameters
-    ----------
-    node : Node
-    simulation : Simulation
-    handling : Handling
-
-    """
-
-    def __init__(self, node: Node, simulation: Simulation, handling: Handling) -> None:
-        self._simulation, self._handling = simulation, handling
-        for name, callback in (
-            ('GetEntityState', self._on_get),
-            ('SetEntityState', self._on_set),
-        ):
-            # Another version of the package may not have it.
-            if kind := getattr(standard_services, name, None):
-                topic = f'~/{name[:3].lower()}_entity_state'
-                node.create_service(kind, topic, callback)
-
-    def _on_get(self, request: Any, response: Any) -> Any:
-        robot, codes = self._simulation.scene.robot, standard.Result
-        try:
-            is_robot = request.entity == ROBOT_NAME
-            link = robot.base_link if is_robot else link_index(request.entity, robot, 'entity')
-        except ParameterError as error:
-            return _answered(response, codes.RESULT_NOT_FOUND, f'{error}, the robot {ROBOT_NAME}')
-        everywhere, q = self._simulation.state.q, self._simulation.state.q[link]
-        state, u = response.state, self._simulation.state.u[link]
-        positions, orientations = own_poses(robot, everywhere)
-        quaternion = orientations[link, [1, 2, 3, 0]]
-        if is_robot and not robot.links:
-            quaternion = base_of_link(quaternion)
-        lever = positions[link] - q[:3]
-        state.header.frame_id = WORLD
-        _fill(state.pose.position, 'xyz', positions[link])
-        _fill(state.pose.orientation, 'xyzw', quaternion)
-        velocity = u[:3] + np.cross(rotation_matrices(q[3:]) @ u[3:], lever)
-        _fill(state.twist.linear, 'xyz', velocity)
-        _fill(state.twist.angular, 'xyz', rotation_matrices(q[3:]) @ u[3:])
-        return _answered(response, codes.RESULT_OK)
-
-    def _on_set(self, request: Any, response: Any) -> Any:
-        codes, state = standard.Result, request.state
-        if request.entity != ROBOT_NAME:
-            why = f'entity must be {ROBOT_NAME}, got {quoted(request.entity)}'
-            return _answered(response, codes.RESULT_NOT_FOUND, why)
-        parts = (state.twist.linear, state.twist.angular)
-        if any(getattr(part, axis) for part in parts for axis in 'xyz'):
-            why = 'a robot is put somewhere at rest: its twist must be 0'
-            return _answered(response, codes.RESULT_FEATURE_UNSUPPORTED, why)
-        try:
-            pose = state.pose
-            self._handling.place(state.header.frame_id, pose.position, pose.orientation)
-        except ParameterError as error:
-            return _answered(response, codes.RESULT_OPERATION_FAILED, str(error))
-        return _answered(response, codes.RESULT_OK)
-
-
-def _fill(message: Any, names: str, values: np.ndarray) -> None:
-    for name, value in zip(names, values.tolist(), strict=True):
-        setattr(message, name, value)
-
-
-def _answered(response: Any, code: int, why: str = '') -> Any:
-    response.result.result, response.result.error_message = code, why
-    return response
-
-
-def serve_entities(node: Node, simulation: Simulation, handling: Handling) -> None:
-    """Offer the services of entities where simulation_interfaces is installed."""
-    if standard is not None:
-        EntityServices(node, simulation, handling)

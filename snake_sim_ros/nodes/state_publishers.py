@@ -27,6 +27,7 @@ from snake_sim_ros.recording.sensors import SensorReader, Sensors
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
 from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.urdf_ros2_control import with_ros2_control
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.exact_sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION
 from snake_sim_ros.stepping.simulation import Simulation
@@ -365,7 +366,12 @@ class StatePublishers:
         self._clock = node.create_publisher(Clock, '/clock', LAST_TIME) if clock else None
         if settings.publish_robot_description:
             self._description = node.create_publisher(String, 'robot_description', LATCHED)
-            self._description.publish(String(data=robot_description(scene.robot)))
+            text = robot_description(scene.robot)
+            if interfaces := settings.ros2_control.split():
+                topics = map(node.resolve_topic_name, ('joint_command', 'joint_states'))
+                given = dict(zip(('commands', 'states'), topics, strict=True))
+                text = with_ros2_control(text, scene.robot, interfaces, **given)
+            self._description.publish(String(data=text))
         self._transforms = None
         if settings.publish_tf and TransformMessages.available:
             self._transforms = Transforms(node, prefix, base_name(scene.robot))

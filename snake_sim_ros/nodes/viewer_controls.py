@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import CONFIG
 from snake_sim_ros.scene.parameters import load_scene
-from snake_sim_ros.view.page import Page
+from snake_sim_ros.view.page import Page, SECONDARY
 
 FREQUENCY = 'gait.yaw.angular_frequency', 'gait.pitch.angular_frequency'
 
@@ -161,7 +161,9 @@ class Controls:
         gui = self.page.gui
         with self.page.controls:
             self._remark = gui.add_markdown('', visible=False)
-            self.buttons = {name: gui.add_button(name) for name in ('pause', 'step', 'reset')}
+            self.buttons = {'pause': gui.add_button('pause')}
+            for name in ('step', 'reset'):
+                self.buttons[name] = gui.add_button(name, color=SECONDARY)
             self.gaits = list(gaits())
             self.gait = gui.add_dropdown('gait', self.gaits)
             self.numbers = {

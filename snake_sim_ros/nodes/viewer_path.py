@@ -24,7 +24,7 @@ from snake_sim_ros.nodes.viewer_controls import Controls
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.view.page import NO_PATH
+from snake_sim_ros.view.page import NO_PATH, SECONDARY
 
 APART = 0.05  # m; a click that is nearer to the point before is the second half of a double one
 OWN_READERS = 2  # subscriptions of the viewer itself
@@ -98,7 +98,7 @@ class PathDrawing:
                 ('Follow', self.follow),
                 ('Clear', self.clear),
             ):
-                self.controls.when(gui.add_button(name).on_click, action)
+                self.controls.when(gui.add_button(name, color=SECONDARY).on_click, action)
 
     def _tell(self, sentence: str) -> None:
         self._remark.visible, self._remark.content = bool(sentence), sentence

@@ -29,11 +29,16 @@ SHOW_PERIOD, PLOT_PERIOD = 1 / 30, 1 / 10  # s of wall time, the shortest betwee
 PANEL_WIDTH = 310  # pixels
 PLOT_HEIGHT = 210  # pixels
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000', '#999999')
-COMMANDED_COLORS = ('#cc79a7', '#009e73')  # of the same two angles as commanded
+COMMANDED_WIDTH, PALE = (
+    5.0,
+    '55',
+)  # of lines of what is commanded; opacity as two hexadecimal digits
+SECONDARY = 'gray'  # color of buttons beside the one that is pressed most
 ALL_JOINTS = {'yaw of all joints': -1, 'pitch of all joints': -2}
 PLOT_TITLES = {'angle': 'joint angles [deg]', 'torque': 'joint torques [N m]'}
 LEGEND_LIMIT = 10  # curves
 NO_PATH = np.zeros((0, 2))
+SHEET = 0.4  # share of a narrow window that the controls cover
 WIDE_ENOUGH = 0.85  # width over height of a window in which the first view shows the whole robot
 # Columns stay where they are when texts change. Where the window is narrow, viser has one sheet at
 # its bottom, which would hide the robot.
@@ -86,9 +91,9 @@ class Page:
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(PANEL_WIDTH)
         self.gui.add_html(STYLE)
+        self.controls = self.gui.add_folder('Control')
         self._status = self.gui.add_markdown('waiting for joint_states ...')
         self._scale = self.gui.add_markdown('')
-        self.controls = self.gui.add_folder('Control')
         self._add_switches()
         panel = self.gui.add_panel()
         self._plots = panel.add_tab('Joints')
@@ -227,9 +232,10 @@ class Page:
         """Look from farther away where the window is too narrow for the robot."""
         camera, first = client.camera, self._server.initial_camera
         if camera.image_height and camera.image_width < WIDE_ENOUGH * camera.image_height:
+            position = np.asarray(first.position) * WIDE_ENOUGH / camera.aspect
             with client.atomic():
-                camera.position = first.position * WIDE_ENOUGH / camera.aspect
-                camera.look_at = first.look_at
+                camera.position = position
+                camera.look_at = lowered(position, np.asarray(first.look_at), first.fov)
 
     def _choose_joints(self, scene: Scene) -> None:
         for chart in self._charts.values():
@@ -255,10 +261,11 @@ class Page:
             return
         series: list[dict[str, Any]] = [{'label': 't [s]'}]
         for k, name in enumerate(values):
-            commanded = name.endswith('commanded')
-            color = COMMANDED_COLORS[k % 2] if commanded else COLORS[k % len(COLORS)]
-            style = {'dash': [6, 5], 'width': 2.0} if commanded else {'width': 1.5}
-            series.append({'label': name, 'stroke': color, 'points': {'show': False}, **style})
+            color, width = COLORS[k % len(COLORS)], 1.5
+            if name.endswith('commanded'):
+                color, width = COLORS[k % 2] + PALE, COMMANDED_WIDTH
+            line = {'stroke': color, 'width': width, 'points': {'show': False}}
+            series.append({'label': name, **line})
         with self._plots:
             self._charts[what] = self.gui.add_uplot(
                 (time, *values.values()),
@@ -269,6 +276,27 @@ class Page:
                 height=PLOT_HEIGHT,
                 order=1 + list(PLOT_TITLES).index(what),
             )
+
+
+def lowered(position: Array, look_at: Array, fov: float) -> Array:
+    """
+    Return where to look so that a point is in the middle of what a sheet leaves of the window.
+
+    The sheet covers its lower part, `SHEET` of it, where the window is narrow.
+
+    Parameters
+    ----------
+    position, look_at : ndarray, shape (3,)
+        The camera, and the point [m].
+    fov : float
+        Angle that the height of the window covers [rad].
+
+    """
+    ahead = look_at - position
+    across = np.cross(ahead, (0.0, 0.0, 1.0))
+    up = np.cross(across, ahead) / np.linalg.norm(across)  # as long as `ahead`
+    point: Array = look_at - SHEET * math.tan(fov / 2) * up
+    return point
 
 
 def _server_class() -> Callable[..., Any]:

@@ -12,10 +12,12 @@ import signal
 import subprocess
 import sys
 import time
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from snake_sim_ros import Robot
 from snake_sim_ros.commands import scenes
 from snake_sim_ros.commands.main import main
 from snake_sim_ros.commands.options import scene_from
@@ -261,6 +263,35 @@ def test_robot_of_a_scene_is_printed_as_a_urdf(capsys):
     assert main(['urdf', 'slender_undulation']) == 0
     robot = load_scene('slender_undulation').robot
     assert capsys.readouterr().out == robot_description(robot) + '\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'interfaces'),
+    [([], ['position']), (['position', 'velocity'], ['position', 'velocity'])],
+)
+def test_urdf_has_a_controlled_system_where_asked_for(capsys, arguments, interfaces):
+    assert main(['urdf', '--ros2-control', *arguments]) == 0
+    system = ElementTree.fromstring(capsys.readouterr().out).find('ros2_control')
+    joints = system.findall('joint')
+    assert [joint.get('name') for joint in joints] == list(Robot().axis_names)
+    for joint in joints:
+        assert [item.get('name') for item in joint.findall('command_interface')] == interfaces
+        states = [item.get('name') for item in joint.findall('state_interface')]
+        assert states == ['position', 'velocity', 'effort']
+    plugin = system.find('hardware/plugin').text
+    assert plugin == 'joint_state_topic_hardware_interface/JointStateTopicSystem'
+
+
+@pytest.mark.parametrize(
+    ('interface', 'said'),
+    [
+        ('torque', "command interfaces are position, velocity, effort, got 'torque'"),
+        ('effort', 'needs a robot that takes torques: robot.effort_commands is false'),
+    ],
+)
+def test_command_interface_that_a_robot_does_not_have(capsys, interface, said):
+    assert main(['urdf', '--ros2-control', interface]) != 0
+    assert said in capsys.readouterr().err
 
 
 def test_launcher_prints_the_urdf():

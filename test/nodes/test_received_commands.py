@@ -609,3 +609,45 @@ def test_efforts_that_are_not_usable_are_rejected(effort, said):
     message = JointState(name=NAMES[:2], position=[0.0, 0.0], effort=effort)
     with pytest.raises(RejectedCommand, match=said):
         joint_command(message, start_posture(Scene()), Robot(effort_commands=True), 1.0, HORIZON)
+
+
+def test_efforts_alone_need_a_robot_that_takes_them():
+    message = JointState(name=NAMES[:2], effort=[1.0, 2.0])
+    with pytest.raises(RejectedCommand, match='efforts alone need a robot that takes them'):
+        joint_command(message, start_posture(Scene()), ROBOT, 1.0, HORIZON)
+
+
+# ---- interfaces that no controller has claimed --------------------------------------------------
+
+
+def test_interface_without_a_controller_has_no_command(last):
+    robot, unclaimed = Robot(effort_commands=True), np.ones((3, 20), dtype=bool)
+    nan = math.nan
+    message = JointState(
+        name=NAMES[:4],
+        position=[0.2, nan, nan, nan],
+        velocity=[nan, 1.0, nan, nan],
+        effort=[nan, nan, 0.5, nan],
+    )
+    taken = joint_command(message, last, robot, NOW, HORIZON, unclaimed)
+    axes, given = taken.given
+    assert axes.tolist() == [0, 1, 2, 3]
+    assert given.tolist() == np.eye(3, 4, dtype=bool).tolist()
+    reference = taken.reference
+    assert reference.angle.flat[0] == 0.2 and reference.rate.flat[0] == 0.0
+    # The second joint goes on from where its reference was: 0.1 rad, for 0.05 s at 0.5 rad/s.
+    assert reference.angle.flat[1] == pytest.approx(0.125) and reference.rate.flat[1] == 1.0
+    assert reference.stamp.ravel()[:4].tolist() == [NOW, NOW, 4.9, 4.9]
+    assert (taken.effort[0].tolist(), taken.effort[1].tolist()) == ([2], [0.5])
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_joint_that_had_numbers_needs_them(last, value):
+    unclaimed = np.ones((3, 20), dtype=bool)
+    unclaimed[0, 1] = False
+    message = command(position=[0.0, value, *TWENTY[2:]])
+    with pytest.raises(RejectedCommand, match='position of joint_1_pitch must be finite'):
+        joint_command(message, last, ROBOT, NOW, HORIZON, unclaimed)
+    message = command(position=[math.inf, *TWENTY[1:]])
+    with pytest.raises(RejectedCommand, match='position of joint_1_yaw must be finite'):
+        joint_command(message, last, ROBOT, NOW, HORIZON, unclaimed)

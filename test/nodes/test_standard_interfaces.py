@@ -11,14 +11,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist
+from geometry_msgs.msg import Accel, Point, Pose, Quaternion, Twist
 import numpy as np
 import pytest
 from std_msgs.msg import Header
 
 from snake_sim_ros import Scene, Simulation
-from snake_sim_ros.nodes import sim_services, state_publishers
-from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes import sim_services, standard, state_publishers
+from snake_sim_ros.nodes.entity_services import serve_entities
+from snake_sim_ros.nodes.placing import Placing
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -97,12 +98,16 @@ class Node:
         return answer.result.result
 
 
+def stand_in(monkeypatch, messages, services):
+    for name, module in (('messages', messages), ('services', services), ('actions', None)):
+        monkeypatch.setattr(standard, name, module)
+
+
 @pytest.fixture
 def node(monkeypatch):
-    standard = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
-    services = SimpleNamespace(**dict.fromkeys(NAMES, Answer))
-    monkeypatch.setattr(sim_services, 'standard', standard)
-    monkeypatch.setattr(sim_services, 'standard_services', services)
+    messages = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
+    entities = ('GetEntityState', 'SetEntityState')  # which EntityServices serves
+    stand_in(monkeypatch, messages, SimpleNamespace(**dict.fromkeys(NAMES + entities, Answer)))
     node = Node()
     sim_services.serve_simulation(node)
     return node
@@ -115,7 +120,7 @@ def test_services_have_the_names_of_the_standard_beside_our_own(node):
 
 
 def test_without_the_package_only_our_own_are_served(monkeypatch):
-    monkeypatch.setattr(sim_services, 'standard', None)
+    stand_in(monkeypatch, None, None)
     node = Node()
     sim_services.serve_simulation(node)
     assert set(node.services) == {'~/reset', '~/pause', '~/step'}
@@ -199,7 +204,9 @@ def test_steps_are_taken_while_paused(node):
 
 def entity_state(position=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0, 1.0), speed=0.0, frame=''):
     """Return what has the fields of an EntityState."""
-    state = SimpleNamespace(header=Header(frame_id=frame), pose=Pose(), twist=Twist())
+    state = SimpleNamespace(
+        header=Header(frame_id=frame), pose=Pose(), twist=Twist(), acceleration=Accel()
+    )
     state.pose.position = Point(**dict(zip('xyz', position, strict=True)))
     state.pose.orientation = Quaternion(**dict(zip('xyzw', turned, strict=True)))
     state.twist.linear.x = speed
@@ -209,14 +216,12 @@ def entity_state(position=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0, 1.0), speed=0.
 class Entities:
     """The services of entities of a simulation, and how often the robot was put elsewhere."""
 
-    def __init__(self):
-        self.simulation, self.services, self.moved = Simulation(Scene()), {}, 0
+    def __init__(self, scene):
+        self.simulation, self.services, self.moved = Simulation(scene), {}, 0
         node = SimpleNamespace(
-            create_subscription=lambda *_, **__: None,
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
-        handling = sim_services.Handling(node, self.simulation, Settings(), None, self.count)
-        sim_services.serve_entities(node, self.simulation, handling)
+        serve_entities(node, self.simulation, Placing(self.simulation, self.count))
 
     def count(self):
         self.moved += 1
@@ -225,9 +230,15 @@ class Entities:
         answer = SimpleNamespace(result=SimpleNamespace(), state=entity_state())
         return self.services['~/get_entity_state'](SimpleNamespace(entity=entity), answer)
 
-    def set(self, entity, state):
+    def set(self, entity, state, *, pose=True, twist=False, acceleration=False):
         answer = SimpleNamespace(result=SimpleNamespace())
-        request = SimpleNamespace(entity=entity, state=state)
+        request = SimpleNamespace(
+            entity=entity,
+            state=state,
+            set_pose=pose,
+            set_twist=twist,
+            set_acceleration=acceleration,
+        )
         result = self.services['~/set_entity_state'](request, answer).result
         return result.result, result.error_message
 
@@ -235,17 +246,20 @@ class Entities:
 @pytest.fixture
 def entities(monkeypatch):
     kinds = SimpleNamespace(GetEntityState=Answer, SetEntityState=Answer)
-    monkeypatch.setattr(sim_services, 'standard', SimpleNamespace(Result=Result))
-    monkeypatch.setattr(sim_services, 'standard_services', kinds)
-    return Entities()
+    stand_in(monkeypatch, SimpleNamespace(Result=Result), kinds)
+    return Entities(Scene())
+
+
+@pytest.fixture
+def undulating(entities):
+    return Entities('lateral_undulation')
 
 
 def test_an_older_package_has_no_services_of_entities(monkeypatch):
-    monkeypatch.setattr(sim_services, 'standard', SimpleNamespace(Result=Result))
-    monkeypatch.setattr(sim_services, 'standard_services', SimpleNamespace())
-    assert not Entities().services
-    monkeypatch.setattr(sim_services, 'standard', None)
-    assert not Entities().services
+    stand_in(monkeypatch, SimpleNamespace(Result=Result), SimpleNamespace())
+    assert not Entities(Scene()).services
+    stand_in(monkeypatch, None, None)
+    assert not Entities(Scene()).services
 
 
 def test_the_robot_is_where_odom_says(entities):
@@ -296,7 +310,6 @@ def test_what_cannot_be_set_is_refused(entities):
     before = entities.simulation.state
     for entity, state, code, said in (
         ('link_3', entity_state(), Result.RESULT_NOT_FOUND, 'entity must be snake_robot'),
-        ('snake_robot', entity_state(speed=1.0), Result.RESULT_FEATURE_UNSUPPORTED, 'twist'),
         ('snake_robot', entity_state(), Result.RESULT_OPERATION_FAILED, 'inside the floor'),
         ('snake_robot', entity_state(frame='map'), Result.RESULT_OPERATION_FAILED, "got 'map'"),
     ):
@@ -305,6 +318,84 @@ def test_what_cannot_be_set_is_refused(entities):
         assert said in message
     assert entities.simulation.state is before
     assert not entities.moved
+
+
+def test_only_what_is_flagged_is_set(entities):
+    simulation = entities.simulation
+    before = simulation.state
+    # Neither flag: nothing happens, not even to what could not be set.
+    lost = entity_state((9.0, 9.0, -5.0), (0.0, 0.0, 0.0, 3.0), speed=1e9)
+    assert entities.set('snake_robot', lost, pose=False) == (Result.RESULT_OK, '')
+    assert simulation.state is before and not entities.moved
+    # A twist alone moves the robot as a rigid body, and does not teleport it.
+    moving = entity_state((9.0, 9.0, -5.0), speed=0.5)
+    moving.twist.angular.z = 2.0
+    assert entities.set('snake_robot', moving, pose=False, twist=True) == (Result.RESULT_OK, '')
+    state = simulation.state
+    assert (state.q == before.q).all()
+    arm = state.q[:, :2] - state.q[5, :2]
+    assert state.u[:, 0] == pytest.approx(0.5 - 2.0 * arm[:, 1])
+    assert state.u[:, 1] == pytest.approx(2.0 * arm[:, 0])
+    twist = entities.get('snake_robot').state.twist
+    assert (twist.linear.x, twist.angular.z) == pytest.approx((0.5, 2.0))
+    # A pose alone leaves the twist in the world; the links turn with the robot.
+    half = float(np.sqrt(0.5))
+    turned = entity_state((1.0, 0.0, 0.0525), (0.0, 0.0, half, half), speed=-7.0)
+    assert entities.set('snake_robot', turned) == (Result.RESULT_OK, '')
+    twist = entities.get('snake_robot').state.twist
+    assert (twist.linear.x, twist.linear.y) == pytest.approx((0.5, 0.0))
+    assert twist.angular.z == pytest.approx(2.0)
+    assert entities.moved == 2
+
+
+def test_rates_of_joints_stay_when_a_twist_is_set(undulating):
+    entities, simulation = undulating, undulating.simulation
+    for _ in range(4):
+        simulation.advance(*simulation.gait_reference(50))
+    rates = simulation.joint_velocity
+    assert np.abs(rates).max() > 0.05
+    wanted = entity_state(speed=0.2)
+    wanted.twist.linear.z, wanted.twist.angular.y = 0.3, -0.4
+    assert entities.set('snake_robot', wanted, pose=False, twist=True) == (Result.RESULT_OK, '')
+    assert simulation.joint_velocity == pytest.approx(rates, abs=1e-9)
+    twist = entities.get('snake_robot').state.twist
+    assert (twist.linear.x, twist.linear.z) == pytest.approx((0.2, 0.3))
+    assert twist.angular.y == pytest.approx(-0.4)
+
+
+def test_twist_or_acceleration_that_cannot_be_set_changes_nothing(entities):
+    before = entities.simulation.state
+    there = (1.0, 2.0, 0.0525)
+    fast = entity_state(there, speed=1e3)
+    result, message = entities.set('snake_robot', fast, twist=True)
+    assert result == Result.RESULT_OPERATION_FAILED and 'at most 100 m/s' in message
+    endless = entity_state(there, speed=float('nan'))
+    assert 'linear velocity must be finite' in entities.set('snake_robot', endless, twist=True)[1]
+    pushed = entity_state(there)
+    pushed.acceleration.linear.x = 1.0
+    result, message = entities.set('snake_robot', pushed, acceleration=True)
+    assert result == Result.RESULT_FEATURE_UNSUPPORTED and '~/push' in message
+    assert entities.simulation.state is before and not entities.moved
+    # Without its flag it does not matter.
+    assert entities.set('snake_robot', pushed) == (Result.RESULT_OK, '')
+
+
+def test_robot_in_the_plane_takes_a_twist_in_the_plane(undulating):
+    entities, simulation = undulating, undulating.simulation
+    simulation.change(replace(simulation.scene, level='planar'))
+    wanted = entity_state(speed=0.5)
+    wanted.twist.angular.z = 1.0
+    assert entities.set('snake_robot', wanted, pose=False, twist=True) == (Result.RESULT_OK, '')
+    start = simulation.state.q[5, 0]
+    simulation.advance(*simulation.gait_reference(4))
+    # Friction slows it by 1 mm/s a step at most.
+    assert simulation.state.q[5, 0] - start == pytest.approx(4 * 0.5 / 4000, rel=0.02)
+    before = simulation.state
+    wanted.twist.linear.z = 0.3
+    result, message = entities.set('snake_robot', wanted, pose=False, twist=True)
+    assert result == Result.RESULT_OPERATION_FAILED
+    assert 'level is planar, but then link 1 moves vertically' in message
+    assert simulation.state.u == pytest.approx(before.u)
 
 
 def test_transforms_lead_from_world_to_the_base(monkeypatch):

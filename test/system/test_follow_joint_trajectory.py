@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The action follow_joint_trajectory of a real sim node, with the messages of control_msgs."""
 
+import math
+
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
@@ -69,6 +71,42 @@ def test_goal_that_is_not_usable_is_rejected_with_the_sentence(sim):
     handle = send(sim, 0.5, 0.2, name='joint_1_jaw')
     assert not handle.accepted
     sim.process.wait_for("joint_trajectory: unknown joint 'joint_1_jaw'; did you mean joint_1_yaw")
+
+
+BAD = {  # what is wrong with a goal -> its joints, points as (time, positions), and the sentence
+    'no joints': ([], [(0.5, [])], 'joint_trajectory names no joints'),
+    'no points': ([JOINT], [], 'joint_trajectory has no points'),
+    'length': ([JOINT], [(0.5, [0.1, 0.2])], 'point 1 must have 1 positions, got 2'),
+    'not finite': ([JOINT], [(0.5, [math.nan])], f'position of {JOINT} must be finite, got nan'),
+    'order': ([JOINT], [(0.5, [0.1]), (0.4, [0.2])], 'must be at least 0 s and increase'),
+    'twice': ([JOINT, JOINT], [(0.5, [0.1, 0.1])], f'names joint {JOINT} more than once'),
+    'too fast': ([JOINT], [(0.5, [0.7]), (0.51, [-0.7])], f'{JOINT} would move at 140 rad/s'),
+}
+
+
+@pytest.mark.parametrize('what', BAD)
+def test_bad_goal_is_answered_with_a_rejection_and_leaves_the_one_before(sim, what):
+    names, points, sentence = BAD[what]
+    first = send(sim, 0.3, 0.05)
+    goal = FollowJointTrajectory.Goal()
+    goal.trajectory.joint_names = names
+    for seconds, positions in points:
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start = Duration(seconds=seconds).to_msg()
+        goal.trajectory.points.append(point)
+    answer = done(sim, sim.action.send_goal_async(goal), 'the answer to a goal')
+    assert not answer.accepted
+    sim.process.wait_for(sentence)
+    assert result(sim, first) == (GoalStatus.STATUS_SUCCEEDED, 0, '')
+
+
+def test_goal_with_a_tolerance_of_another_joint_is_rejected(sim):
+    goal = FollowJointTrajectory.Goal()
+    point = JointTrajectoryPoint(positions=[0.1], time_from_start=Duration(seconds=0.5).to_msg())
+    goal.trajectory = JointTrajectory(joint_names=[JOINT], points=[point])
+    goal.goal_tolerance = [JointTolerance(name='joint_2_yaw', position=0.1)]
+    assert not done(sim, sim.action.send_goal_async(goal), 'the answer to a goal').accepted
+    sim.process.wait_for("goal_tolerance names joint 'joint_2_yaw', which is not one of the traj")
 
 
 def test_canceled_goal_holds_the_joints(sim):

@@ -118,6 +118,15 @@ def test_curves_of_a_joint_have_different_colors(page):
     assert len({*colors.values()}) == 4
 
 
+def test_one_button_is_the_first_one(page):
+    color = f'getComputedStyle({page.button("NAME")}).backgroundColor'
+    first, *others = (
+        page.run(color.replace('NAME', name))
+        for name in ('pause', 'reset', 'Draw a path', 'Clear')
+    )
+    assert len({*others}) == 1 and first not in others
+
+
 def test_robot_and_plots_are_seen_in_a_narrow_window(page):
     sheet = (
         '[...document.querySelectorAll("div")].find(d => getComputedStyle(d).maxHeight === "40%")'
@@ -128,6 +137,9 @@ def test_robot_and_plots_are_seen_in_a_narrow_window(page):
         top = page.until(lambda: page.run(f'({sheet})?.getBoundingClientRect().top'), 'the sheet')
         assert top >= 400  # The robot is above it.
         assert 'Orange: forces along the floor' in page.text
+        # What a person moves comes before what a person reads.
+        places = [page.text.index(text) for text in ('gait', 'amplitude', 'distance', 'Orange')]
+        assert places == sorted(places)
         page.until(lambda: page.run(f'!!({joints})'), 'the panel of the plots')
         page.run(f'({joints}).click(), ({joints}).scrollIntoView()')
         page.until(lambda: 'joint angles [deg]' in page.text, 'the plots')

@@ -191,3 +191,16 @@ def test_viser_that_is_missing_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, 'viser', None)
     with pytest.raises(ParameterError, match=r"viser, .*: pip install 'snake_sim_ros\[viewer\]'$"):
         viewer.Page('', '127.0.0.1', 0)
+
+
+def test_camera_of_a_narrow_window_has_the_robot_above_the_sheet():
+    position, fov = np.array([-1.0, -3.0, 2.0]), math.radians(50)
+    look_at = viewer.lowered(position, np.zeros(3), fov)
+    ahead = (look_at - position) / np.linalg.norm(look_at - position)
+    across = np.cross(ahead, (0.0, 0.0, 1.0))
+    up = np.cross(across / np.linalg.norm(across), ahead)
+    # A place of the window is the tangent of an angle over that of half the field of view.
+    height = (-position @ up) / (-position @ ahead) / math.tan(fov / 2)
+    # The middle of the window is at 0, of its upper 60 % at 0.4.
+    assert height == pytest.approx(0.4, abs=0.03)
+    assert -position @ across == pytest.approx(0.0, abs=1e-12)

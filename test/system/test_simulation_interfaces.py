@@ -1,0 +1,282 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The services and the action of simulation_interfaces of a real `sim`, with its real types."""
+
+import math
+
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import Vector3
+import numpy as np
+import pytest
+from rclpy.action import ActionClient
+from sim_client import connected, SimClient
+from simulation_interfaces import srv
+from simulation_interfaces.action import SimulateSteps
+from simulation_interfaces.msg import (
+    Bounds,
+    EntityCategory,
+    EntityState,
+    Result,
+    SimulationState,
+    SimulatorFeatures,
+)
+
+ROBOT = 'snake_robot'
+PEGS = ['pegs.x:=[1.0, -3.0]', 'pegs.y:=[3.0, 0.5]']
+# What each feature that may be announced is served by.
+SERVED = {
+    'ENTITY_BOUNDS': 'get_entity_bounds',
+    'ENTITY_BOUNDS_BOX': 'get_entities',
+    'ENTITY_CATEGORIES': 'get_entities',
+    'ENTITY_STATE_GETTING': 'get_entity_state',
+    'ENTITY_STATE_SETTING': 'set_entity_state',
+    'ENTITY_INFO_GETTING': 'get_entity_info',
+    'SIMULATION_RESET': 'reset_simulation',
+    'SIMULATION_RESET_TIME': 'reset_simulation',
+    'SIMULATION_RESET_STATE': 'reset_simulation',
+    'SIMULATION_STATE_GETTING': 'get_simulation_state',
+    'SIMULATION_STATE_SETTING': 'set_simulation_state',
+    'SIMULATION_STATE_PAUSE': 'set_simulation_state',
+    'STEP_SIMULATION_SINGLE': 'step_simulation',
+    'STEP_SIMULATION_MULTIPLE': 'step_simulation',
+    'STEP_SIMULATION_ACTION': 'simulate_steps/_action/send_goal',
+    'WORLD_INFO_GETTING': 'get_current_world',
+    'AVAILABLE_WORLDS': 'get_available_worlds',
+}
+
+
+class Standard(SimClient):
+    """A sim, and its services of the standard."""
+
+    def ask(self, name, **fields):
+        """Call a service; return its response and the code of its result."""
+        kind = getattr(srv, name)
+        topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
+        response = self.graph.call(kind, self.service(topic), kind.Request(**fields))
+        return response, getattr(response, 'result', Result(result=Result.RESULT_OK)).result
+
+    def ok(self, name, **fields):
+        """Call a service that must succeed; return its response."""
+        response, code = self.ask(name, **fields)
+        assert code == Result.RESULT_OK, response
+        return response
+
+    def entity(self, name=ROBOT):
+        """Return the state of an entity."""
+        return self.ok('GetEntityState', entity=name).state
+
+    def put(self, state, *, pose=False, twist=False, acceleration=False, entity=ROBOT):
+        """Set a state; return the code and the sentence of the result."""
+        flags = {'set_pose': pose, 'set_twist': twist, 'set_acceleration': acceleration}
+        response, code = self.ask('SetEntityState', entity=entity, state=state, **flags)
+        return code, response.result.error_message
+
+
+@pytest.fixture(scope='module')
+def sims(make_graph):
+    """Return a paused sim at each level, the second one with pegs."""
+    return connected(
+        Standard(make_graph(), 'start_paused:=true', 'level:=planar'),
+        Standard(make_graph(), 'start_paused:=true', 'level:=spatial', *PEGS),
+    )
+
+
+@pytest.fixture(params=[0, 1], ids=['planar', 'spatial'])
+def sim(sims, request):
+    sims[request.param].ok('ResetSimulation')
+    return sims[request.param]
+
+
+@pytest.fixture
+def spatial(sims):
+    sims[1].ok('ResetSimulation')
+    return sims[1]
+
+
+def numbers(message):
+    names = [name for name in 'xyzw' if hasattr(message, name)]
+    return np.array([getattr(message, name) for name in names])
+
+
+def test_what_is_announced_is_there(spatial):
+    announced = set(spatial.ok('GetSimulatorFeatures').features.features)
+    assert announced == {getattr(SimulatorFeatures, name) for name in SERVED}
+    offered = dict(spatial.graph.node.get_service_names_and_types())
+    for name in SERVED.values():
+        assert f'/sim/{name}' in offered
+
+
+# ---- entities -----------------------------------------------------------------------------------
+
+
+def test_twist_is_set_without_the_pose_at_both_levels(sim):
+    before = sim.entity()
+    wanted = EntityState()
+    wanted.pose.position.x, wanted.pose.orientation.w = 5.0, 0.0
+    wanted.twist.linear.x, wanted.twist.angular.z = 0.4, 0.5
+    assert sim.put(wanted, twist=True) == (Result.RESULT_OK, '')
+    state = sim.entity()
+    assert state.pose == before.pose
+    assert numbers(state.twist.linear) == pytest.approx([0.4, 0.0, 0.0])
+    assert numbers(state.twist.angular) == pytest.approx([0.0, 0.0, 0.5])
+    sim.step()
+    # Friction of 0.1 to 0.5 of the weight slows it by at most 25 mm/s in 5 ms.
+    assert sim.entity().pose.position.x - before.pose.position.x == pytest.approx(2e-3, rel=0.1)
+
+
+def test_pose_is_set_without_the_twist_at_both_levels(sim):
+    wanted = EntityState()
+    wanted.pose.position = sim.entity().pose.position
+    wanted.pose.position.x, wanted.pose.position.y = 2.0, -1.0
+    half = math.sqrt(0.5)
+    wanted.pose.orientation.z = wanted.pose.orientation.w = half
+    wanted.twist.linear.x, wanted.acceleration.linear.x = math.nan, 3.0
+    assert sim.put(wanted, pose=True) == (Result.RESULT_OK, '')
+    state = sim.entity()
+    assert numbers(state.pose.position) == pytest.approx(numbers(wanted.pose.position))
+    assert abs(numbers(state.pose.orientation) @ [0, 0, half, half]) == pytest.approx(1.0)
+    assert not numbers(state.twist.linear).any()
+    assert sim.put(wanted) == (Result.RESULT_OK, '')  # nothing
+
+
+def test_state_that_cannot_be_set_is_refused_with_a_code_and_the_reason(spatial):
+    before = spatial.entity()
+    codes, unusable = Result, srv.SetEntityState.Response.INVALID_POSE
+    twisted, pushed, bad = EntityState(), EntityState(), EntityState()
+    twisted.twist.linear.x = 500.0
+    pushed.acceleration.linear.z = 1.0
+    bad.pose.orientation.w = 2.0
+    elsewhere = EntityState()
+    elsewhere.header.frame_id = 'map'
+    for state, flags, code, said in (
+        (twisted, {'twist': True}, codes.RESULT_OPERATION_FAILED, 'at most 100 m/s'),
+        (pushed, {'acceleration': True}, codes.RESULT_FEATURE_UNSUPPORTED, '~/push'),
+        (bad, {'pose': True}, unusable, 'unit quaternion'),
+        (elsewhere, {'pose': True}, codes.RESULT_OPERATION_FAILED, "got 'map'"),
+        (twisted, {'twist': True, 'entity': 'peg_1'}, codes.RESULT_OPERATION_FAILED, 'fixed'),
+        (twisted, {'twist': True, 'entity': 'door'}, codes.RESULT_NOT_FOUND, "got 'door'"),
+    ):
+        found, sentence = spatial.put(state, **flags)
+        assert found == code and said in sentence
+    assert spatial.entity() == before
+
+
+def test_entities_are_listed_by_name_category_and_bounds(spatial):
+    def listed(**filters):
+        request = srv.GetEntities.Request()
+        for name, value in filters.items():
+            setattr(request.filters, name, value)
+        states = spatial.ok('GetEntitiesStates', filters=request.filters)
+        found = spatial.ok('GetEntities', filters=request.filters).entities
+        assert found == states.entities and len(found) == len(states.states)
+        return found
+
+    kinds = EntityCategory
+    assert listed() == [ROBOT, 'peg_1', 'peg_2']
+    assert listed(filter='^peg_[0-9]$') == ['peg_1', 'peg_2']
+    assert listed(categories=[kinds(category=kinds.CATEGORY_ROBOT)]) == [ROBOT]
+    assert listed(categories=[kinds(category=kinds.CATEGORY_HUMAN)]) == []
+    near = Bounds(type=Bounds.TYPE_SPHERE, points=[Vector3(x=1.0, y=2.0), Vector3(x=0.96)])
+    assert listed(bounds=near) == ['peg_1']
+    box = [Vector3(x=0.1, y=1.0, z=1.0), Vector3(x=-4.0, y=-1.0)]
+    assert listed(bounds=Bounds(type=Bounds.TYPE_BOX, points=box)) == [ROBOT, 'peg_2']
+    request = srv.GetEntities.Request()
+    request.filters.filter = '(['
+    assert spatial.ask('GetEntities', filters=request.filters)[1] == Result.RESULT_OPERATION_FAILED
+    request = srv.GetEntities.Request()
+    request.filters.bounds = Bounds(type=Bounds.TYPE_CONVEX_HULL, points=[Vector3()] * 3)
+    response, code = spatial.ask('GetEntities', filters=request.filters)
+    assert code == Result.RESULT_FEATURE_UNSUPPORTED and 'box or a sphere' in str(response)
+
+
+def test_entities_have_a_kind_a_place_and_bounds(spatial):
+    info = spatial.ok('GetEntityInfo', entity=ROBOT).info
+    assert info.category.category == EntityCategory.CATEGORY_ROBOT
+    assert info.description == 'snake robot of 11 links and 20 joint axes'
+    info = spatial.ok('GetEntityInfo', entity='peg_2').info
+    assert info.category.category == EntityCategory.CATEGORY_STATIC_OBJECT
+    assert numbers(spatial.entity('peg_2').pose.position) == pytest.approx([-3.0, 0.5, 0.0])
+    assert spatial.ask('GetEntityInfo', entity='door')[1] == Result.RESULT_NOT_FOUND
+    bounds = spatial.ok('GetEntityBounds', entity='peg_1').bounds
+    high, low = map(numbers, bounds.points)
+    assert bounds.type == Bounds.TYPE_BOX
+    assert (high - low)[:2] == pytest.approx([0.1, 0.1])
+    # Aiko is 10 joints of 12.2 cm and two ends long, and as thick as its spheres; it is bent.
+    high, low = map(numbers, spatial.ok('GetEntityBounds', entity=ROBOT).bounds.points)
+    assert 1.0 < (high - low)[0] < 1.4
+    assert (high - low)[2] == pytest.approx(0.105, abs=2e-3)
+
+
+# ---- time and worlds ----------------------------------------------------------------------------
+
+
+def test_scopes_of_a_reset(spatial):
+    kind = srv.ResetSimulation.Request
+    start = spatial.entity().pose.position.x
+    wanted = EntityState()
+    wanted.twist.linear.x = 1.0
+    spatial.put(wanted, twist=True)
+    spatial.ok('StepSimulation', steps=4)
+    moved = spatial.entity().pose.position.x
+    assert moved - start > 0.01 and spatial.now > 0.0
+    spatial.ok('ResetSimulation', scope=kind.SCOPE_TIME)
+    assert spatial.entity().pose.position.x == moved
+    spatial.graph.until(lambda: spatial.now == 0.0, 'time 0')
+    spatial.ok('StepSimulation', steps=2)
+    spatial.ok('ResetSimulation', scope=kind.SCOPE_STATE)
+    assert spatial.entity().pose.position.x == pytest.approx(start)
+    spatial.graph.until(lambda: spatial.now == pytest.approx(0.01), 'time going on')
+    _, code = spatial.ask('ResetSimulation', scope=kind.SCOPE_SPAWNED)
+    assert code == Result.RESULT_FEATURE_UNSUPPORTED
+
+
+def test_steps_of_the_action_have_feedback(spatial):
+    action = ActionClient(spatial.graph.node, SimulateSteps, '/sim/simulate_steps')
+    spatial.graph.until(action.server_is_ready, 'the action')
+
+    def run(steps, cancel_after=None):
+        heard = []
+        goal = SimulateSteps.Goal(steps=steps)
+        future = action.send_goal_async(goal, lambda message: heard.append(message.feedback))
+        spatial.graph.until(future.done, 'the answer to a goal')
+        if cancel_after is not None:
+            spatial.graph.until(lambda: len(heard) >= cancel_after, 'steps')
+            future.result().cancel_goal_async()
+        result = future.result().get_result_async()
+        spatial.graph.until(result.done, 'the result')
+        return result.result(), heard
+
+    answer, heard = run(5)
+    assert answer.status == GoalStatus.STATUS_SUCCEEDED
+    assert answer.result.result.result == Result.RESULT_OK
+    assert [(one.completed_steps, one.remaining_steps) for one in heard] == [
+        (k, 5 - k) for k in range(1, 6)
+    ]
+    spatial.graph.until(lambda: spatial.now == pytest.approx(0.025), 'five steps')
+    answer, heard = run(10**6, cancel_after=3)
+    assert answer.status == GoalStatus.STATUS_CANCELED and 3 <= len(heard) < 10**6
+    spatial.pause(False)
+    answer, heard = run(5)
+    assert answer.status == GoalStatus.STATUS_ABORTED and not heard
+    assert answer.result.result.result == Result.RESULT_OPERATION_FAILED
+    assert 'not paused' in answer.result.result.error_message
+    spatial.pause(True)
+
+
+def test_state_of_the_simulation(spatial):
+    states = SimulationState
+    assert spatial.ok('GetSimulationState').state.state == states.STATE_PAUSED
+    for wanted in (states.STATE_PLAYING, states.STATE_PAUSED, states.STATE_STOPPED):
+        spatial.ok('SetSimulationState', state=states(state=wanted))
+        assert spatial.ok('GetSimulationState').state.state == wanted
+    again = spatial.ask('SetSimulationState', state=states(state=states.STATE_STOPPED))
+    assert again[1] == srv.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+
+
+def test_worlds_are_the_scenes_of_the_package(spatial):
+    world = spatial.ok('GetCurrentWorld').world
+    assert world.name == 'lateral_undulation'
+    assert world.world_resource.uri.endswith('/config/lateral_undulation.yaml')
+    worlds = spatial.ok('GetAvailableWorlds').worlds
+    assert {'lateral_undulation', 'sidewinding', 'obstacle_aided'} <= {w.name for w in worlds}
+    assert 'aiko' not in {w.name for w in worlds}  # a robot

@@ -10,12 +10,7 @@ from obstacle_scenes import each_method
 import pytest
 
 from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Start
-from snake_sim_ros.contact.placing import (
-    depth_of_robot,
-    lift_out_of_world,
-    surroundings_of,
-    world_geometry,
-)
+from snake_sim_ros.contact.placing import depth_of_robot, surroundings_of, world_geometry
 from snake_sim_ros.contact.surroundings import NEARBY
 from snake_sim_ros.scene.obstacles import contact_count, first_peg, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings

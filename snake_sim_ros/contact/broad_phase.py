@@ -17,7 +17,7 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
-ITEMS_OF_A_CELL = 4.0  # in the mean, if all were points
+ITEMS_OF_A_CELL = 16.0  # in the mean, if all were points
 
 
 class Grid(NamedTuple):
@@ -25,6 +25,7 @@ class Grid(NamedTuple):
 
     x: float  # corner of the cells with the least x and y, in I [m]
     y: float  # [m]
+    z: float  # the largest z of all items [m]
     per_meter: float  # cells
     columns: int  # along x
     rows: int  # along y
@@ -48,7 +49,7 @@ def make_grid(bounds: Array) -> Grid:
     if not len(bounds):
         nothing = np.zeros(0, dtype=int)
         return Grid(
-            0.0, 0.0, 1.0, 0, 0, np.zeros(1, dtype=int), nothing, np.zeros(0), np.zeros(0),
+            0.0, 0.0, 0.0, 1.0, 0, 0, np.zeros(1, dtype=int), nothing, np.zeros(0), np.zeros(0),
             bounds.reshape(0, 6), nothing, nothing, np.zeros(1, dtype=int),
         )  # fmt: skip
     low, high = bounds[:, :2].min(axis=0), bounds[:, 3:5].max(axis=0)
@@ -72,6 +73,7 @@ def make_grid(bounds: Array) -> Grid:
     return Grid(
         x=float(low[0]),
         y=float(low[1]),
+        z=float(bounds[:, 5].max()),
         per_meter=float(per_meter),
         columns=columns,
         rows=rows,
@@ -101,29 +103,24 @@ def cell_of(x: float, low: float, per_meter: float, count: int) -> int:
 @inlined
 def find_near_point(grid: Grid, c: Three, reach: float) -> int:
     """Fill `found` with the items whose bounds are within `reach` of a point [m]; count them."""
-    count = 0
+    count, side = 0, 1.0 / grid.per_meter
     grid.search[0] += 1
-    if grid.columns == 0:
+    if is_beside(grid, c[0] - reach, c[0] + reach, c[1] - reach, c[1] + reach, c[2] - reach):
         return count
     first, last = (
         cell_of(c[0] - reach, grid.x, grid.per_meter, grid.columns),
         cell_of(c[0] + reach, grid.x, grid.per_meter, grid.columns),
     )
-    side = 1.0 / grid.per_meter
     for row in range(
         cell_of(c[1] - reach, grid.y, grid.per_meter, grid.rows),
         cell_of(c[1] + reach, grid.y, grid.per_meter, grid.rows) + 1,
     ):
         y = grid.y + row * side
         dy = max(y - c[1], c[1] - y - side, 0.0)
-        if row == 0 or row == grid.rows - 1:
-            dy = 0.0
         for column in range(first, last + 1):
             k = row * grid.columns + column
             x = grid.x + column * side
             dx = max(x - c[0], c[0] - x - side, 0.0)
-            if column == 0 or column == grid.columns - 1:
-                dx = 0.0
             dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
             if dx * dx + dy * dy + dz * dz > 1.0000001 * reach * reach:
                 continue
@@ -150,16 +147,38 @@ def is_first_seen(grid: Grid, item: int) -> bool:
 
 
 @inlined
+def is_beside(
+    grid: Grid, low_x: float, high_x: float, low_y: float, high_y: float, low_z: float
+) -> bool:
+    """Return whether bounds are above or beside all items [m]."""
+    return (
+        low_z > grid.z
+        or high_x < grid.x
+        or high_y < grid.y
+        or (low_x - grid.x) * grid.per_meter > grid.columns
+        or (low_y - grid.y) * grid.per_meter > grid.rows
+    )
+
+
+@inlined
+def from_axis(axis: Axis, dx: float, dy: float, dz: float) -> float:
+    """Return the distance of a point, (dx, dy, dz) beside the middle of an axis, from it [m]."""
+    ax, ay, az = axis.along
+    s = min(max(dx * ax + dy * ay + dz * az, -axis.half), axis.half)
+    return math.sqrt((dx - s * ax) ** 2 + (dy - s * ay) ** 2 + (dz - s * az) ** 2)
+
+
+@inlined
 def find_near_axis(grid: Grid, axis: Axis, reach: float) -> int:
     """Fill `found` with the items whose bounds may be within `reach` of an axis [m]; count."""
-    count = 0
+    count, side = 0, 1.0 / grid.per_meter
     grid.search[0] += 1
-    if grid.columns == 0:
-        return count
     (x, y, z), (ax, ay, az), half = axis
     low_z, high_z = z - half * abs(az) - reach, z + half * abs(az) + reach
     low_x, low_y = x - half * abs(ax) - reach, y - half * abs(ay) - reach
     high_x, high_y = x + half * abs(ax) + reach, y + half * abs(ay) + reach
+    if is_beside(grid, low_x, high_x, low_y, high_y, low_z):
+        return count
     first, last = (
         cell_of(low_x, grid.x, grid.per_meter, grid.columns),
         cell_of(high_x, grid.x, grid.per_meter, grid.columns),
@@ -172,6 +191,12 @@ def find_near_axis(grid: Grid, axis: Axis, reach: float) -> int:
             k = row * grid.columns + column
             if grid.low[k] > high_z or grid.high[k] < low_z:
                 continue
+            height = 0.5 * (grid.high[k] - grid.low[k])
+            dx = grid.x + (column + 0.5) * side - x
+            dy = grid.y + (row + 0.5) * side - y
+            most = reach + math.sqrt(0.5 * side * side + height * height)
+            if from_axis(axis, dx, dy, grid.low[k] + height - z) > most:
+                continue
             for m in range(grid.begin[k], grid.begin[k + 1]):
                 item = grid.members[m]
                 if not is_first_seen(grid, item):
@@ -182,9 +207,7 @@ def find_near_axis(grid: Grid, axis: Axis, reach: float) -> int:
                 dz = 0.5 * (b[item, 2] + b[item, 5]) - z
                 for j in range(3):
                     square += 0.25 * (b[item, j + 3] - b[item, j]) ** 2
-                s = min(max(dx * ax + dy * ay + dz * az, -half), half)
-                apart = math.sqrt((dx - s * ax) ** 2 + (dy - s * ay) ** 2 + (dz - s * az) ** 2)
-                if apart <= reach + math.sqrt(square):
+                if from_axis(axis, dx, dy, dz) <= reach + math.sqrt(square):
                     grid.found[count] = item
                     count += 1
     return count

@@ -51,6 +51,7 @@ from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import (
+    CELLS,
     contact_count,
     first_pair,
     first_peg,
@@ -274,6 +275,7 @@ def find_obstacle_contacts(
     assert frame is not None
     geometry, count, next_capsule = contacts.geometry, 0, 0
     search = Search(obstacles.patches, tolerance, pose, found)
+    cells = CELLS if len(obstacles.heights) > 0 else 1
     for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for m in range(spheres.begin[i], spheres.begin[i + 1]):
@@ -281,7 +283,7 @@ def find_obstacle_contacts(
             arm, radius = carried_in(R, i, spheres.place, s), spheres.radius[s]
             x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
             count, hides = find_world_contacts_of_sphere(obstacles.world, search, s, count)
-            for k in range(1 if hides else 0, 4):
+            for k in range(1 if hides else 0, cells):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius, k)
                 a = k * len(spheres.link) + s
                 if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
@@ -637,7 +639,7 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     if obstacles is None:
         return floor_penetration(spheres, q)
     for s in range(len(spheres.link)):
-        for k in range(4):
+        for k in range(CELLS if len(obstacles.heights) > 0 else 1):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
     lowest = min(lowest, -world_penetration(obstacles.world, spheres, robot.capsules, q))
     if len(obstacles.pegs) > 0:

@@ -108,18 +108,22 @@ def surroundings_of(scene: Scene) -> Surroundings:
     return world
 
 
-def world_geometry(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
+def world_geometry(
+    scene: Scene, q: Array, world: Surroundings | None = None
+) -> tuple[Array, Array, Array, Array]:
     """
     Return gaps, levers and frames of contacts with the world, and the grip of what they touch.
 
     The first three are those of `obstacles.contact_geometry`, for coordinates q (n, 7); of other
-    contacts, and of those with gaps beyond `NEARBY`, the gap is infinite.
+    contacts, and of those with gaps beyond `NEARBY`, the gap is infinite. Who calls often may give
+    the `surroundings_of` the scene.
     """
     count, chain = contact_count(scene), scene.robot.chain
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     grip, R = np.ones(count), rotation_matrices(q[:, 3:])
     shapes = chain.spheres, chain.capsules
-    fill_world_geometry(surroundings_of(scene), shapes, q, R, gap, (lever, frame, grip))
+    world = world or surroundings_of(scene)
+    fill_world_geometry(world, shapes, q, R, gap, (lever, frame, grip))
     return gap, lever, frame, grip
 
 

@@ -349,9 +349,7 @@ class Film:
         for layer in (
             LineCollection(list(self.seen(np.array(tiles))), colors=GROUT, lw=0.8, zorder=0),
             PolyCollection(list(self.seen(faces)), fc=paints, ec=paints, lw=0.5, zorder=1),
-            PolyCollection(
-                list(self.seen(solids[0])), fc=solids[1], ec=solids[1], lw=0.5, zorder=1
-            ),
+            PolyCollection(list(self.seen(solids)), fc=of_solids, ec=of_solids, lw=0.5, zorder=1),
             self.shadows,
             self.bodies,
         ):

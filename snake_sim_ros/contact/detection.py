@@ -20,6 +20,25 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.shapes import Axis, minus, moved, triple
+from snake_sim_ros.contact.surroundings import (
+    ASKED,
+    depth_of_axis,
+    depth_of_sphere,
+    distance_of_axis,
+    distance_of_sphere,
+    find_places_of_axis,
+    find_places_of_sphere,
+    first_of_capsule,
+    first_of_sphere,
+    is_asked,
+    make_surroundings,
+    NEARBY,
+    number_places,
+    part_of,
+    remember_what,
+    Surroundings,
+)
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import (
     carried_in,
@@ -32,9 +51,13 @@ from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import (
+    CELLS,
+    contact_count,
     first_pair,
     first_peg,
     is_flat,
+    OF_CAPSULE,
+    OF_SPHERE,
     pair_contacts,
     STEEP,
     UPRIGHT,
@@ -127,6 +150,7 @@ class Obstacles(NamedTuple):
     pair_count: int  # number of such contacts
     pairs: Array  # (pair_count, 2) the spheres that touch in each of them
     patches: Patches  # of friction on the ground
+    world: Surroundings | None  # its solids; an argument of functions, which leave out None
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -146,6 +170,7 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         pair_count=len(pairs),
         pairs=np.array(pairs, dtype=int).reshape(-1, 2),
         patches=make_patches(scene),
+        world=make_surroundings(scene, contact_count(scene)),
     )
 
 
@@ -249,13 +274,16 @@ def find_obstacle_contacts(
     closed, contacts, frame = found.closed, found.contacts, found.frame
     assert frame is not None
     geometry, count, next_capsule = contacts.geometry, 0, 0
+    search = Search(obstacles.patches, tolerance, pose, found)
+    cells = CELLS if len(obstacles.heights) > 0 else 1
     for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for m in range(spheres.begin[i], spheres.begin[i + 1]):
             s = spheres.of_link[m]
             arm, radius = carried_in(R, i, spheres.place, s), spheres.radius[s]
             x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
-            for k in range(4):
+            count, hides = find_world_contacts_of_sphere(obstacles.world, search, s, count)
+            for k in range(1 if hides else 0, cells):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius, k)
                 a = k * len(spheres.link) + s
                 if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
@@ -266,11 +294,103 @@ def find_obstacle_contacts(
                     fill_grip(obstacles.patches, contacts, a, (x, y), spheres.grip[s])
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         begin, next_capsule = next_capsule, end_of_capsules(pose.robot.capsules, next_capsule, i)
+        for c in range(begin, next_capsule):
+            count = find_world_contacts_of_capsule(obstacles.world, search, c, count)
         if len(obstacles.pegs) > 0:
             part = begin, next_capsule
             count = find_peg_contacts(obstacles, tolerance, pose, part, found, count)
     if obstacles.pair_count > 0:
         count = find_pair_contacts(obstacles.first_pair, tolerance, pose, found, count)
+    return count
+
+
+class Search(NamedTuple):
+    """What contacts with the world are looked for."""
+
+    patches: Patches
+    tolerance: float  # gap up to which a contact counts as closed [m]
+    pose: Pose
+    found: Found
+
+
+class Ball(NamedTuple):
+    """What touches the world at a place: a sphere of the robot, or one inside of a capsule."""
+
+    link: int
+    radius: float  # [m]
+    grip: float  # factor of friction of the link
+    first: int  # number of the first contact of the sphere or capsule
+
+
+@inlined
+def find_world_contacts_of_sphere(
+    world: Surroundings | None, search: Search, s: int, count: int
+) -> tuple[int, bool]:
+    """
+    Fill the closed contacts of sphere s with the world, behind `count` closed ones before.
+
+    Return how many contacts are closed, and whether a solid hides the floor below the sphere.
+    """
+    if world is None:
+        return count, False
+    pose, spheres = search.pose, search.pose.robot.spheres
+    i, radius = spheres.link[s], spheres.radius[s]
+    center = beside(pose.q[i], carried_in(pose.R, i, spheres.place, s))
+    ball = Ball(i, radius, spheres.grip[s], first_of_sphere(world, s))
+    reach, inward = reach_of_world(search, ball, OF_SPHERE), carried_in(pose.R, i, world.inward, s)
+    places, hides = find_places_of_sphere(world, center, radius, reach, inward)
+    places = number_places(world.touched, places, OF_SPHERE)
+    return fill_world_contacts(world, search, ball, places, count), hides
+
+
+@inlined
+def find_world_contacts_of_capsule(
+    world: Surroundings | None, search: Search, c: int, count: int
+) -> int:
+    """Do the same for the interior of capsule c, which hides no floor."""
+    if world is None:
+        return count
+    pose, capsules = search.pose, search.pose.robot.capsules
+    i, radius = capsules.link[c], capsules.radius[c]
+    middle = beside(pose.q[i], carried_in(pose.R, i, capsules.center, c))
+    axis = Axis(middle, carried_in(pose.R, i, capsules.axis, c), capsules.half[c])
+    ball = Ball(i, radius, world.capsule_grip[c], first_of_capsule(world, c))
+    reach = reach_of_world(search, ball, OF_CAPSULE)
+    places = find_places_of_axis(world, axis, radius, reach)
+    places = number_places(world.touched, places, OF_CAPSULE)
+    return fill_world_contacts(world, search, ball, places, count)
+
+
+@inlined
+def reach_of_world(search: Search, ball: Ball, slots: int) -> float:
+    """Return the gap up to which some contacts with the world are numbered [m]."""
+    asked = is_asked(search.found.contacts.geometry.takes_part, ball.first, slots)
+    return max(search.tolerance, ASKED if asked else NEARBY)
+
+
+@inlined
+def fill_world_contacts(
+    world: Surroundings, search: Search, ball: Ball, places: int, count: int
+) -> int:
+    """Fill the contacts at some places of the world, if they are closed; return how many are."""
+    pose, contacts, frame = search.pose, search.found.contacts, search.found.frame
+    assert frame is not None
+    i, touched = ball.link, world.touched
+    axis = pose.R[i, 0, 2], pose.R[i, 1, 2], pose.R[i, 2, 2]
+    for k in range(places):
+        a, row = ball.first + k, touched.places[k]
+        gap, normal = row[0] - ball.radius, part_of(row, 1)
+        center = moved(part_of(row, 9), row[0], normal)
+        remember_what(touched, k, a, center)
+        if gap <= search.tolerance or contacts.geometry.takes_part[a] == 1:
+            search.found.closed[count] = a
+            count += 1
+            arm = minus(center, triple(pose.q, i))
+            place_contact(contacts, a, gap, ball.radius, beside(pose.center[i], arm), normal)
+            contacts.geometry.link[a], contacts.geometry.other_link[a] = i, -1
+            own = ball.grip * world.grip[touched.solid[a]]
+            fill_grip(search.patches, contacts, a, (center[0], center[1]), own)
+            fill_contact_frame(frame[a], normal, axis)
     return count
 
 
@@ -519,8 +639,9 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     if obstacles is None:
         return floor_penetration(spheres, q)
     for s in range(len(spheres.link)):
-        for k in range(4):
+        for k in range(CELLS if len(obstacles.heights) > 0 else 1):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
+    lowest = min(lowest, -world_penetration(obstacles.world, spheres, robot.capsules, q))
     if len(obstacles.pegs) > 0:
         for c in range(len(robot.capsules.link)):
             middle, axis = from_above(robot.capsules, q, c)
@@ -533,6 +654,48 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
                 if spheres.link[t] > spheres.link[s] + 1:
                     lowest = min(lowest, gap_of_spheres(spheres, q, s, t))
     return -lowest
+
+
+@inlined
+def world_penetration(
+    world: Surroundings | None, spheres: Spheres, capsules: Capsules, q: Array
+) -> float:
+    """Return how deep the robot is in the world [m], 0 if it is beside."""
+    depth = 0.0
+    if world is None:
+        return depth
+    for s in range(len(spheres.link)):
+        i = spheres.link[s]
+        center = beside(q[i], carried_place(spheres.straight, q, i, spheres.place, s))
+        depth = max(depth, depth_of_sphere(world, center, spheres.radius[s]))
+    for c in range(len(capsules.link)):
+        axis = axis_of_capsule(capsules, q, c)
+        depth = max(depth, depth_of_axis(world, axis, capsules.radius[c]))
+    return depth
+
+
+@inlined
+def axis_of_capsule(capsules: Capsules, q: Array, c: int) -> Axis:
+    """Return the axis of capsule c."""
+    i = capsules.link[c]
+    middle = beside(q[i], carried_place(False, q, i, capsules.center, c))
+    return Axis(middle, carried_place(False, q, i, capsules.axis, c), capsules.half[c])
+
+
+@inlined
+def gap_to_world(world: Surroundings | None, robot: Mechanism, q: Array, a: int) -> float:
+    """Return the gap of contact a [m], of which detection found what it touches."""
+    if world is None:
+        return math.inf
+    k, spheres, capsules = a - world.first, robot.spheres, robot.capsules
+    if k < len(spheres.link) * OF_SPHERE:
+        s = k // OF_SPHERE
+        i = spheres.link[s]
+        c = beside(q[i], carried_place(spheres.straight, q, i, spheres.place, s))
+        return distance_of_sphere(world.touched, a, c) - spheres.radius[s]
+    k = (k - len(spheres.link) * OF_SPHERE) // OF_CAPSULE
+    middle, along, _ = axis_of_capsule(capsules, q, k)
+    return distance_of_axis(world.touched, a, middle, along) - capsules.radius[k]
 
 
 @inlined
@@ -613,5 +776,7 @@ def gap_at(
         k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
         middle, axis = from_above(robot.capsules, q, c)
         return gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
+    if obstacles.world is not None and a >= len(spheres.link):
+        return gap_to_world(obstacles.world, robot, q, a)
     k, s = divmod(a, len(spheres.link))
     return gap_to_ground(obstacles, spheres, q, s, k)

@@ -6,9 +6,10 @@ Everything a robot can touch besides a flat floor: ground of cells, and pegs; ga
 This is the definition in NumPy; `contact.detection` is its compiled form. The first contacts are
 those of the spheres of the links with the ground below them, numbered as `chain.Spheres` says: of
 Aiko the front and then the rear spheres, as in eq. (10). If the ground has cells, the spheres
-follow three times more, for the higher cells beside them. Then come the capsules of the links once
-for every peg. Contacts of links with each other come last: of the spheres of every two links that
-are not neighbors.
+follow three times more, for the higher cells beside them. In a scene with a world some follow for
+each sphere, and then some for each capsule; what these touch only `contact.surroundings` finds.
+Then come the capsules of the links once for every peg. Contacts of links with each other come
+last: of the spheres of every two links that are not neighbors.
 
 A sphere is in contact with the box below each cell, at the nearest point of the box. The cell
 below its center always counts. A neighbor counts only if it is higher, so that a flat ground is
@@ -30,6 +31,8 @@ from snake_sim_ros.scene.parameters import Array, Ground, Robot, Scene
 from snake_sim_ros.scene.rotations import cross, rotation_matrices
 
 CELLS = 4  # that a sphere may touch: below it, and its neighbors along x, along y, diagonal
+# Contacts that a sphere, and the interior of a capsule, may have with the world at a time.
+OF_SPHERE, OF_CAPSULE = 6, 4
 E_X, E_Y, E_Z = np.eye(3)
 UPRIGHT = 1e-6  # part of a unit vector along a link, in a plane, up to which it has no direction
 STEEP = 0.7  # component of a normal along e_x from which on e_x is no direction in its plane
@@ -44,7 +47,7 @@ def is_flat(scene: Scene) -> bool:
 
     Any other friction, also that of patches, needs the code for obstacles.
     """
-    obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact
+    obstacles = scene.ground.heights or scene.pegs.x or scene.self_contact or scene.world
     if (scene.robot.chain.spheres.grip != 1.0).any():
         return False
     return not (obstacles or scene.patches.factors) and scene.friction.is_one_ellipse
@@ -52,7 +55,10 @@ def is_flat(scene: Scene) -> bool:
 
 def first_peg(scene: Scene) -> int:
     """Return the number of the first contact with a peg."""
-    return len(scene.robot.chain.spheres.link) * (CELLS if scene.ground.heights else 1)
+    spheres, capsules = scene.robot.chain.spheres.link, scene.robot.chain.capsules.link
+    if scene.world:
+        return len(spheres) * (1 + OF_SPHERE) + len(capsules) * OF_CAPSULE
+    return len(spheres) * (CELLS if scene.ground.heights else 1)
 
 
 def first_pair(scene: Scene) -> int:
@@ -85,8 +91,9 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     Returns
     -------
     list of tuple
-        ('floor', sphere); ('cell', which, sphere), without the ground it belongs to; ('peg', x, y,
-        radius, number of equal pegs before it, capsule); ('pair', sphere, other sphere).
+        ('floor', sphere); ('cell', which, sphere), without the ground it belongs to; ('world',
+        number), without the world; ('peg', x, y, radius, number of equal pegs before it,
+        capsule); ('pair', sphere, other sphere).
 
     """
     chain, cells = scene.robot.chain, CELLS if scene.ground.heights else 1
@@ -95,6 +102,7 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
         *(('floor', s) for s in spheres),
         *(('cell', k, s) for k in range(1, cells) for s in spheres),
     ]
+    keys += [('world', a) for a in range(len(keys), first_peg(scene))]
     before: Counter[tuple[float, ...]] = Counter()
     for peg in map(tuple, scene.pegs.axes.tolist()):
         keys += [('peg', *peg, before[peg], c) for c in capsules]
@@ -110,15 +118,15 @@ def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
     -------
     old, new : ndarray of int, shape (k,)
         Contact ``old[k]`` of the first scene is contact ``new[k]`` of the second one. Cells of
-        different grounds are different; the spheres on the ground below them are the same.
+        different grounds or worlds are different; the spheres on the floor are the same.
 
     """
     number = {key: a for a, key in enumerate(contact_keys(before))}
-    ground = before.ground == after.ground
+    same = {'cell': before.ground == after.ground, 'world': before.world == after.world}
     common = [
         (number[key], a)
         for a, key in enumerate(contact_keys(after))
-        if key in number and (ground or key[0] != 'cell')
+        if key in number and same.get(key[0], True)
     ]
     old, new = np.array(common, dtype=int).reshape(-1, 2).T
     return old, new
@@ -127,8 +135,10 @@ def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
 def contact_links(scene: Scene) -> Array:
     """Return the link of every contact and the one it touches, or -1, shape (contacts, 2)."""
     chain, pegs = scene.robot.chain, len(scene.pegs.x)
-    cells = CELLS if scene.ground.heights else 1
-    link = np.concatenate([np.tile(chain.spheres.link, cells), np.tile(chain.capsules.link, pegs)])
+    link = np.concatenate([
+        _of_ground(scene, chain.spheres.link, chain.capsules.link),
+        np.tile(chain.capsules.link, pegs),
+    ])  # fmt: skip
     pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
     of_world = np.column_stack([link, np.full(len(link), -1)])
     return np.concatenate([of_world, chain.spheres.link[pairs]])
@@ -137,12 +147,20 @@ def contact_links(scene: Scene) -> Array:
 def contact_radii(scene: Scene) -> Array:
     """Return the radius of the sphere or capsule of every contact, shape (contacts,) [m]."""
     chain, pegs = scene.robot.chain, len(scene.pegs.x)
-    cells = CELLS if scene.ground.heights else 1
     pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
     radius = chain.spheres.radius
     return np.concatenate([
-        np.tile(radius, cells), np.tile(chain.capsules.radius, pegs), radius[pairs[:, 0]]
+        _of_ground(scene, radius, chain.capsules.radius), np.tile(chain.capsules.radius, pegs),
+        radius[pairs[:, 0]],
     ])  # fmt: skip
+
+
+def _of_ground(scene: Scene, spheres: Array, capsules: Array) -> Array:
+    """Return a number of every contact with floor, cells and world, of its sphere or capsule."""
+    if not scene.world:
+        return np.tile(spheres, CELLS if scene.ground.heights else 1)
+    of_world = np.repeat(spheres, OF_SPHERE), np.repeat(capsules, OF_CAPSULE)
+    return np.concatenate([spheres, *of_world])
 
 
 def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
@@ -164,9 +182,21 @@ def contact_friction(scene: Scene, contacts: Array, q: Array) -> Array:
             mu = scene.self_contact_friction if is_pair else scene.pegs.friction
             found.append((mu, mu, mu, 0.0, 1.0))
             continue
-        s = a % len(center)
+        s = _sphere_of(scene, a)
         found.append(floor_friction(scene, center[s, 0], center[s, 1], spheres.grip[s]))
     return np.array(found).reshape(-1, 5)
+
+
+def _sphere_of(scene: Scene, a: int) -> int:
+    """Return the sphere of a contact with ground or world; of a capsule, one of its link."""
+    spheres, capsules = scene.robot.chain.spheres, scene.robot.chain.capsules
+    m = len(spheres.link)
+    if not scene.world or a < m:
+        return a % m
+    if a < m * (1 + OF_SPHERE):
+        return (a - m) // OF_SPHERE
+    c = (a - m * (1 + OF_SPHERE)) // OF_CAPSULE
+    return int(spheres.of_link[spheres.begin[capsules.link[c]]])
 
 
 def floor_friction(

@@ -52,6 +52,7 @@ from snake_sim_ros.scene.files import find_file, is_file, parse_yaml, read_mappi
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
 from snake_sim_ros.scene.gait_library import named_gait, NamedGait
+from snake_sim_ros.scene.world import in_folder, World
 
 Array = NDArray[Any]
 PerLink = float | Numbers
@@ -242,7 +243,8 @@ class Start(CheckedRecord):
 
     Angles are one number for all joints or one for each. The centroid of the links is at
     `position`. Their principal axis, with link 1 at its end with the smaller x, has the direction
-    `heading`. The lowest contact sphere is `height` above the ground.
+    `heading`, and the last link is up by the angle `tilt`. The lowest contact sphere is `height`
+    above the ground.
     """
 
     yaw: PerJoint | None = quantity(
@@ -254,6 +256,9 @@ class Start(CheckedRecord):
     position: Numbers = quantity((0.0, 0.0), 'm', 'x and y of the centroid of the links')
     heading: float = quantity(
         0.0, 'rad', 'angle from the x axis to the robot, counterclockwise from above'
+    )
+    tilt: float = quantity(
+        0.0, 'rad', 'angle between the floor and the robot, whose last link is up'
     )
     height: float = quantity(
         0.0, 'm', 'gap between the lowest contact sphere and the ground', minimum=0
@@ -751,6 +756,7 @@ class Scene(CheckedRecord):
     patches: Patches = Patches()
     ground: Ground = Ground()
     pegs: Pegs = Pegs()
+    world: World = World()
     self_contact: bool = quantity(False, '', 'whether links that are not neighbors can touch')
     self_contact_friction: float = quantity(
         0.2, '1', 'Coulomb friction of links on each other', minimum=0, maximum=STICKY
@@ -808,6 +814,11 @@ class Scene(CheckedRecord):
                 raise ParameterError(f'link of a push must be 1 to {joints + 1}, got {push.link}')
         if len(self.gravity) != 3:
             raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
+        if self.world and self.ground.heights:
+            raise ParameterError(
+                'ground.heights must be empty in a scene with a world; world.boxes and '
+                'world.height_fields take their place'
+            )
         if self.ground.heights:
             widest = 2 * float(self.robot.per_link('contact_radius').max())
             if self.ground.cell < widest:
@@ -921,6 +932,8 @@ def _scene(mapping: Any, where: str, folder: Path) -> Scene:
         except ParameterError as error:
             raise ParameterError(f'{where}: {error}') from None
         mapping = {**mapping, 'gait': gait}
+    if isinstance(mapping, Mapping) and 'world' in mapping:
+        mapping = {**mapping, 'world': in_folder(mapping['world'], folder)}
     scene: Scene = from_mapping(Scene, mapping, where)
     file, _, name = scene.controller.name.rpartition(':')
     if file.endswith('.py') and is_file(folder / file):

@@ -232,6 +232,12 @@ def initial_coordinates(scene: Scene) -> Array:
             angle[:, axis] = given
     found, lowest = _centered_coordinates(scene.robot, angle.tobytes())
     q = found.copy()
+    if start.tilt != 0.0:
+        turn = about(1, -start.tilt)
+        q[:, :3] = q[:, :3] @ rotation_matrices(turn).T
+        q[:, 3:] = product(turn, q[:, 3:])
+        q[:, :2] -= q[:, :2].mean(axis=0)
+        lowest = gaps(scene.robot, q).min()
     if start.heading != 0.0:
         turn = about(2, start.heading)
         q[:, :3] = q[:, :3] @ rotation_matrices(turn).T

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from snake_sim_ros.contact.placing import surroundings_of, world_geometry
+from snake_sim_ros.contact.surroundings import Surroundings
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import axis_z, carried_place
 from snake_sim_ros.scene.chain import Spheres
@@ -85,17 +87,36 @@ def sampled_forces(
     spheres = scene.robot.chain.spheres
     forces_of_ground(spheres, acted, (impulse, span), (sample, number), points, forces)
     others = number >= len(spheres.link)
+    world = surroundings_of(scene) if scene.world else None
     for m in np.unique(sample[others]):
         here = np.flatnonzero(others & (sample == m))
         touching = number[here]
         wanted = np.isin(np.arange(contact_count(scene)), touching)
-        _, lever, frame = contact_geometry(scene, acted[m], wanted)
+        lever, frame, _ = touching_geometry(scene, acted[m], wanted, world)
         points[here] = acted[m, contact_links(scene)[touching, 0], :3] + lever[touching]
         loads = impulse[m, touching, :3] / span[m]
         forces[here] = np.einsum('ak,aki->ai', loads, frame[touching])
     if scene.friction.is_viscous:
         add_viscous_forces(scene, acted, u, (sample, number), points, forces)
     return sample, number, points, forces
+
+
+def touching_geometry(
+    scene: Scene, q: Array, wanted: Array, world: Surroundings | None
+) -> tuple[Array, Array, Array]:
+    """
+    Return levers and frames of contacts, and the grip of the solids that they touch.
+
+    Arguments and the first two arrays are those of `obstacles.contact_geometry`, with the world of
+    the scene if it has one; the third has the shape (contacts,).
+    """
+    _, lever, frame = contact_geometry(scene, q, wanted)
+    grip = np.ones(len(lever))
+    if world is not None:
+        gap, world_lever, world_frame, grip = world_geometry(scene, q, world)
+        of_world = np.isfinite(gap)
+        lever[of_world], frame[of_world] = world_lever[of_world], world_frame[of_world]
+    return lever, frame, grip
 
 
 def add_viscous_forces(
@@ -110,14 +131,17 @@ def add_viscous_forces(
     """
     sample, number = loaded
     floor, ground = scene.friction, number < first_peg(scene)
+    world = surroundings_of(scene) if scene.world else None
     for m in np.unique(sample[ground]):
         here = np.flatnonzero(ground & (sample == m))
         links = contact_links(scene)[number[here], 0]
         wanted = np.isin(np.arange(contact_count(scene)), number[here])
-        tangents = contact_geometry(scene, q[m], wanted)[2][number[here], 1:]
+        _, frame, solid_grip = touching_geometry(scene, q[m], wanted, world)
+        tangents = frame[number[here], 1:]
         omega = np.einsum('kij,kj->ki', rotation_matrices(q[m, links, 3:]), u[m, links, 3:])
         velocity = u[m, links, :3] + np.cross(omega, points[here] - q[m, links, :3])
-        viscous = contact_friction(scene, number[here], q[m])[:, 4:] * floor.viscous_of_contact
+        factor = contact_friction(scene, number[here], q[m])[:, 4] * solid_grip[number[here]]
+        viscous = factor[:, None] * floor.viscous_of_contact
         resisted = viscous * np.einsum('kij,kj->ki', tangents, velocity)
         forces[here] -= np.einsum('ki,kij->kj', resisted, tangents)
 

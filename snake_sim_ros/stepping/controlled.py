@@ -9,6 +9,7 @@ else as it is: same joint angles, at rest.
 
 import numpy as np
 
+from snake_sim_ros.contact.placing import lift_out_of_world
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_links, first_peg
@@ -105,6 +106,8 @@ def placed(scene: Scene, state: State, position: Array, orientation: Array) -> S
 
 def _refuse_inside(scene: Scene, q: Array) -> None:
     """Raise an error if a link is inside something."""
+    if scene.world and lift_out_of_world(scene, q) > INSIDE:
+        raise ParameterError('the robot would be inside a solid of the world')
     gap = scene_gaps(scene, q)
     a = int(gap.argmin())
     if gap[a] >= -INSIDE:

@@ -85,6 +85,8 @@ def what_is_not_flat(scene: Scene) -> str:
         return f'gravity ({gx:g}, {gy:g}, {gz:g}) m/s^2 is not straight down'
     if scene.ground.heights:
         return 'ground.heights is given, and the plane is flat'
+    if scene.world:
+        return 'world has solids, and the plane is flat'
     if scene.robot.links:
         return what_does_not_lie_straight(scene.robot)
     radius = scene.robot.per_link('contact_radius')

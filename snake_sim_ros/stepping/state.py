@@ -9,6 +9,7 @@ from typing import Any, cast, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from snake_sim_ros.contact.placing import lift_out_of_world
 from snake_sim_ros.contact.problem import ContactHistory, make_contact_history
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import ControlMemory, make_control_memory
@@ -42,8 +43,12 @@ class State:
 
 
 def initial_state(scene: Scene) -> State:
-    """Return the robot at rest in the initial posture of the scene."""
-    return State(initial_coordinates(scene), np.zeros((scene.robot.link_count, 6)))
+    """Return the robot at rest in the initial posture of the scene, beside all solids."""
+    q = initial_coordinates(scene)
+    if scene.world:
+        q[:, 2] -= scene.start.height
+        q[:, 2] += scene.start.height + lift_out_of_world(scene, q)
+    return State(q, np.zeros((scene.robot.link_count, 6)))
 
 
 T = TypeVar('T')

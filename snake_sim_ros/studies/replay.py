@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from snake_sim_ros.contact.placing import lift_out_of_world
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.parameters import Array, Scene, with_settings
@@ -156,6 +157,8 @@ def start_state(scene: Scene, measured: Measured, *, is_flat: bool) -> State:
         u[:, [2, 3, 5]] = 0.0
     lift = obstacles.lift_onto_ground(scene, now) if scene.ground.heights else None
     now[:, 2] += -gaps(scene.robot, now).min() if lift is None else lift
+    if scene.world:
+        now[:, 2] += lift_out_of_world(scene, now)
     return State(now, u)
 
 

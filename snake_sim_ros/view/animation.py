@@ -30,6 +30,8 @@ from snake_sim_ros.scene.obstacles import cell_at, cell_height
 from snake_sim_ros.scene.parameters import Array, Ground
 from snake_sim_ros.scene.robot_description import color_name, COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surfaces import surfaces_of
+from snake_sim_ros.scene.world import solids_of, World
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view.frames import bodies_of
 
@@ -48,6 +50,7 @@ BOX, PEG = (0.84, 0.81, 0.75), (0.43, 0.55, 0.65)
 PATH_COLOR, FORCE_COLOR, TEXT_COLOR = '#0072b2', '#d55e00', '#464646'
 STRIPS = np.linspace(0.0, 0.85, 5)  # of a body, from its edge to its brightest line
 LIGHT = 0.55 + 0.6 * STRIPS**0.8
+SHADE_CELL = 0.02  # m, squares in which shadows on a world have one height
 TILE, BAR = 0.5, 0.5  # m, sizes of the squares of the floor and of the scale
 LONGEST_ARROW = 0.2  # in lengths of the robot, for a force that few forces exceed
 MOST_ARROWS = 24  # of more contacts, every second, third, ... has an arrow
@@ -216,6 +219,74 @@ def ground_faces(ground: Ground, camera: Array, sun: Array) -> tuple[Array, Arra
     return np.reshape(faces, (-1, 4, 3)), np.reshape(colors, (-1, 3))
 
 
+def world_faces(world: World, camera: Array, sun: Array) -> tuple[Array, Array]:
+    """
+    Return the triangles of a world that look at the viewer, the farthest first, and their colors.
+
+    Poles are left out: they are drawn as bodies, since links may be before and behind them.
+    """
+    solids, surfaces = solids_of(world), surfaces_of(world)
+    boxes, poles = len(solids.box_center), len(solids.poles)
+    seen = surfaces[:boxes] + surfaces[boxes + poles :]
+    if not seen:
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+    corners = np.concatenate([vertices[faces] for vertices, faces in seen])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    front = (normals @ camera[2] > 1e-9) & (corners[:, :, 2].max(axis=1) > 1e-6)
+    corners, normals = corners[front], normals[front]
+    order = np.argsort(corners.mean(axis=1) @ camera[2], kind='stable')
+    light = 0.5 + 0.58 * (normals @ sun / np.linalg.norm(sun)).clip(0.0)
+    return corners[order], np.multiply.outer(light, BOX).clip(0.0, 1.0)[order]
+
+
+class Tops:
+    """How high the world is at places seen from above, without poles and pipes, for shadows."""
+
+    def __init__(self, world: World) -> None:
+        solids, surfaces = solids_of(world), surfaces_of(world)
+        boxes, meshes = len(solids.box_center), len(solids.meshes)
+        kept = surfaces[:boxes] + surfaces[len(surfaces) - meshes :]
+        corners = np.concatenate([
+            np.zeros((0, 3, 3)), *(vertices[faces] for vertices, faces in kept)
+        ])  # fmt: skip
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        corners = corners[np.cross(a, b)[:, 2] > 0.0]
+        ends = corners[..., :2].reshape(-1, 2)
+        self.low = ends.min(axis=0) if len(ends) else np.zeros(2)
+        wide, deep = np.floor((np.ptp(ends, axis=0) if len(ends) else np.zeros(2)) / SHADE_CELL)
+        self.height = np.zeros((int(wide) + 1, int(deep) + 1))
+        longest = np.ptp(corners[..., :2], axis=1).max(axis=1, initial=0.0)
+        parts = np.maximum(1, np.ceil(2.0 * longest / SHADE_CELL).astype(int))
+        for count in np.unique(parts):
+            i, j = np.indices((count + 1, count + 1)).reshape(2, -1)
+            i, j = i[i + j <= count] / count, j[i + j <= count] / count
+            weights = np.stack([1.0 - i - j, i, j], axis=1)
+            points = np.einsum('wk,tkx->twx', weights, corners[parts == count]).reshape(-1, 3)
+            column, row = ((points[:, :2] - self.low) / SHADE_CELL).astype(int).T
+            np.maximum.at(self.height, (column, row), points[:, 2])
+
+    def below(self, points: Array) -> Array:
+        """Return the height below points (k, 3), 0 beside the world and above points [m]."""
+        cells = np.floor((points[:, :2] - self.low) / SHADE_CELL).astype(int)
+        inside = ((cells >= 0) & (cells < self.height.shape)).all(axis=1)
+        heights = np.zeros(len(points))
+        heights[inside] = self.height[tuple(cells[inside].T)]
+        return np.where(heights <= points[:, 2], heights, 0.0)
+
+
+def pole_pieces(world: World) -> tuple[Array, Array]:
+    """Return the poles of a world in pieces: their ends (k, 2, 3), and their radii (k,) [m]."""
+    ends, radii = [np.zeros((0, 2, 3))], [np.zeros(0)]
+    for row in solids_of(world).poles:
+        start, end, radius = row[:3], row[3:6], row[6]
+        count = max(1, round(float(np.linalg.norm(end - start)) / (2.0 * radius)))
+        points = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
+        ends.append(np.stack([points[:-1], points[1:]], axis=1))
+        radii.append(np.full(count, radius))
+    return np.concatenate(ends), np.concatenate(radii)
+
+
 class Film:
     """The pictures of a run; their caption has a title, and the speed if it is not 1."""
 
@@ -239,7 +310,10 @@ class Film:
             np.column_stack([x, y, z])
             for z in (wide / 2, np.maximum(2.2 * radius.max(), 2 * wide) - wide)
         ]
-        self.pegs = np.stack(ends, axis=1)
+        self.tops = Tops(trajectory.scene.world)
+        pieces, piece_radius = pole_pieces(trajectory.scene.world)
+        self.pegs = np.concatenate([np.stack(ends, axis=1), pieces])
+        wide = np.append(wide, piece_radius)
         self.radius = np.append(radius, wide)
         links = [COLORS[color_name(i)][:3] for i in bodies.link]
         paints = np.array(links + [PEG] * len(wide))
@@ -268,12 +342,14 @@ class Film:
         tiles = [[(x, y0, 0.0), (x, y1, 0.0)] for x in np.arange(x0, x1, TILE)]
         tiles += [[(x0, y, 0.0), (x1, y, 0.0)] for y in np.arange(y0, y1, TILE)]
         faces, paints = ground_faces(self.trajectory.scene.ground, self.camera, self.sun)
+        solids, of_solids = world_faces(self.trajectory.scene.world, self.camera, self.sun)
         round_lines: dict[str, Any] = {'segments': [], 'capstyle': 'round', 'snap': False}
         self.shadows = LineCollection(colors=SHADE, zorder=2, **round_lines)
         self.bodies = LineCollection(zorder=5, **round_lines)
         for layer in (
             LineCollection(list(self.seen(np.array(tiles))), colors=GROUT, lw=0.8, zorder=0),
             PolyCollection(list(self.seen(faces)), fc=paints, ec=paints, lw=0.5, zorder=1),
+            PolyCollection(list(self.seen(solids)), fc=of_solids, ec=of_solids, lw=0.5, zorder=1),
             self.shadows,
             self.bodies,
         ):
@@ -330,6 +406,8 @@ class Film:
         """Draw shadows on the ground below each link and peg."""
         ground = self.trajectory.scene.ground
         floor = [cell_height(ground, *cell_at(ground, x, y)) for x, y, _ in bodies.mean(axis=1)]
+        if self.trajectory.scene.world:
+            floor = self.tops.below(bodies.mean(axis=1)).tolist()
         fall = np.eye(3) - np.outer(UP, self.sun)  # along the light, to z = 0
         lift = np.multiply.outer(floor, UP)[:, None]
         strips = self.seen((bodies - lift) @ fall + lift)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.robot_description import color_name, COLORS
+from snake_sim_ros.scene.surfaces import surfaces_of
 from snake_sim_ros.view.frames import (
     arrows,
     bodies_of,
@@ -132,6 +133,10 @@ class Stage:
             place = (float(x), float(y), height / 2)
             self.canvas.add_cylinder(
                 f'/world/pegs/{k}', float(radius), height, color=PEG, position=place
+            )
+        for k, (vertices, faces) in enumerate(surfaces_of(scene.world)):
+            self.canvas.add_mesh_simple(
+                f'/world/solids/{k}', vertices, faces, color=GROUND, flat_shading=True
             )
         ground = scene.ground
         if not ground.heights:

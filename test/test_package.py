@@ -28,7 +28,7 @@ INSTALLATION = text('docs/installation.md')
 # rosdep's keys for packages of PyPI where they are not python3-<name>. It has none for the
 # optional packages, or one that is installed by pip: docs/installation.md names them.
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
-OPTIONAL = {'bags', 'studies', 'urdf', 'video', 'viewer'}
+OPTIONAL = {'bags', 'learn', 'studies', 'urdf', 'video', 'viewer'}
 SITE = {'docs'}  # only builds the site
 # Checks of style, other readers of bags and of URDF files, and what makes the tests faster.
 DEVELOPMENT = {

@@ -23,7 +23,13 @@ from snake_sim_ros.scene.checked_records import nearest, ParameterError
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in, with_settings
 from snake_sim_ros.stepping.controlled import command_effort
 from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
-from snake_sim_ros.stepping.sampling import begun_samples, Ended, STATES, trajectory_of
+from snake_sim_ros.stepping.sampling import (
+    begun_samples,
+    Ended,
+    joint_motion,
+    STATES,
+    trajectory_of,
+)
 from snake_sim_ros.stepping.simulation import Simulation
 
 # What sensors measure at most; beyond, they saturate.
@@ -227,7 +233,7 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         self.actions.start(scene)
         self._motion = Motion.of(self._simulation.state.q[:, :3])
         self.task.start(self._motion, self.np_random)
-        return self._observation(), {}
+        return self.observation(self._measured(), self._motion), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """
@@ -250,12 +256,14 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         simulation.advance(*self.actions.reference(action, done * dt, self.period)(times))
         before, self._motion = self._motion, Motion.of(simulation.state.q[:, :3])
         terms, terminated = self.task.progress(before, self._motion)
-        power = np.abs(simulation.joint_torque * simulation.joint_velocity).sum()
+        measured = self._measured()
+        power = np.abs(measured.joint_torque * measured.joint_velocity).sum()
         terms['energy'] = -self.energy_price * self.period * float(power)
         report = simulation.report
         info = {'reward': terms, 'unconverged': report.unconverged, 'failure': report.failure}
         ends = terminated or bool(report.failure)
-        return self._observation(), float(sum(terms.values())), ends, False, info
+        seen = self.observation(measured, self._motion)
+        return seen, float(sum(terms.values())), ends, False, info
 
     def physical(self, action: Array) -> Array:
         """
@@ -285,23 +293,25 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         space = self.observation_space
         return np.clip(np.concatenate(parts), space.low, space.high)  # type: ignore[attr-defined]
 
-    def _observation(self) -> Array:
-        """Return the observation of the present state."""
+    def _measured(self) -> Measured:
+        """Return what the robot measures now."""
         simulation = self._simulation
         assert simulation
-        state, angle = simulation.state, simulation.joint_angle
+        state, robot = simulation.state, simulation.scene.robot
+        motion = joint_motion(robot, state.q[None], state.u[None])
+        angle, rate = (robot.by_axis(each[0]) for each in motion)
         if noise := self.randomization.joint_noise:
             angle = angle + self.np_random.normal(0.0, noise, len(angle))
         head, gravity = slice(0, 1), simulation.scene.gravity
         measured = Measured(
             angle,
-            simulation.joint_velocity,
+            rate,
             simulation.joint_torque,
             contact_wrench=contact_wrenches(simulation) if self.contacts else None,
             imu=imu_readings(gravity, state.q[head], state.u[head], self._before, self.period),
         )
         self._before = state.u[head, :3].copy()
-        return self.observation(measured, self._motion)
+        return measured
 
     def render(self) -> Any:
         """Return a picture, (360, 640, 3) of uint8; None without a render mode."""

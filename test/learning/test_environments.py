@@ -9,13 +9,20 @@ import subprocess
 import sys
 import warnings
 
-import gymnasium
-from gymnasium.utils.env_checker import check_env
 import numpy as np
 import pytest
 
 from snake_sim_ros import ParameterError, run
-from snake_sim_ros.learning import ENVIRONMENTS, PolicyController, Randomization, SnakeEnv
+
+gymnasium = pytest.importorskip('gymnasium')
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+from snake_sim_ros.learning import (  # noqa: E402
+    ENVIRONMENTS,
+    PolicyController,
+    Randomization,
+    SnakeEnv,
+)
 
 ROOT = Path(__file__).parents[2]
 NAMES = list(ENVIRONMENTS)
@@ -184,6 +191,7 @@ def test_page_names_all_environments():
 
 
 def test_example_learns_goals(tmp_path):
+    pytest.importorskip('cma')
     script = ROOT / 'examples' / 'learn_goals.py'
     few = ['--generations', '1', '--episodes', '1', '--judged', '2', '--out', 'found.npy']
     done = subprocess.run(

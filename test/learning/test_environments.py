@@ -17,12 +17,7 @@ from snake_sim_ros import ParameterError, run
 gymnasium = pytest.importorskip('gymnasium')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from snake_sim_ros.learning import (  # noqa: E402
-    ENVIRONMENTS,
-    PolicyController,
-    Randomization,
-    SnakeEnv,
-)
+from snake_sim_ros.learning import ENVIRONMENTS, PolicyController, Randomization, SnakeEnv  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 NAMES = list(ENVIRONMENTS)

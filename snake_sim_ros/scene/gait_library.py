@@ -34,6 +34,7 @@ from snake_sim_ros.scene.gait import Gait, Table, Wave
 
 ROWS = 40  # of a table for each pass of a fold; the spline between them is within 1e-4 rad
 QUARTER = math.pi / 2
+MADE_OF = '_made_of'  # attribute of a `Gait`, no field: a changed copy does not have it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +273,19 @@ def named_gait(values: Mapping[str, Any], joint_count: int) -> Gait:
     if name not in GAITS:
         raise ParameterError(f'gait.name: unknown gait {name!r}; {nearest(name, GAITS)}')
     found: NamedGait = from_mapping(GAITS[name], given, f'gait {name}')
-    return found.gait(joint_count)
+    return made_gait(found, joint_count)
+
+
+def made_gait(named: NamedGait, joint_count: int) -> Gait:
+    """Return the gait of a robot with some joints, which remembers what it is made of."""
+    found = named.gait(joint_count)
+    object.__setattr__(found, MADE_OF, named)
+    return found
+
+
+def made_of(gait: Gait) -> NamedGait | None:
+    """Return what a gait is made of, None if a wave of it was changed since, or nothing is."""
+    return getattr(gait, MADE_OF, None)
 
 
 def _lag(waves: float, joint_count: int) -> float:

@@ -39,6 +39,7 @@ from snake_sim_ros.scene.chain import (
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
     cut,
+    flat_fields,
     from_mapping,
     LONGEST_PATH,
     NamedRecord,
@@ -51,7 +52,7 @@ from snake_sim_ros.scene.checked_records import (
 from snake_sim_ros.scene.files import find_file, is_file, parse_yaml, read_mapping, read_text
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Numbers, Table, table_from, table_to_text
-from snake_sim_ros.scene.gait_library import named_gait, NamedGait
+from snake_sim_ros.scene.gait_library import made_gait, made_of, named_gait, NamedGait
 from snake_sim_ros.scene.world import in_folder, World
 
 Array = NDArray[Any]
@@ -964,7 +965,8 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
     scene : Scene
     settings : mapping
         Dotted names to values, such as ``{'dt': 0.01}``; `gait.table` may be a file, `gait` a
-        `NamedGait`, and with `gait.name` all of `gait` are parameters of the gait of that name.
+        `NamedGait`, and with `gait.name` all of `gait` are parameters of the gait of that name. A
+        gait that has a name takes its parameters, such as `gait.waves`, without it as well.
 
     Raises
     ------
@@ -982,7 +984,20 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         settings = {name: settings[name] for name in settings if name.partition('.')[0] != 'gait'}
         scene = with_values(scene, settings)
         joints = scene.robot.link_count - 1
-        made = gait.gait(joints) if isinstance(gait, NamedGait) else named_gait(given, joints)
+        if isinstance(gait, NamedGait):
+            return replace(scene, gait=made_gait(gait, joints))
+        return replace(scene, gait=named_gait(given, joints))
+    if (named := made_of(scene.gait)) and (own := _parameters_in(settings, named)):
+        rest = {name: value for name, value in settings.items() if name not in own}
+        given = {name.removeprefix('gait.'): value for name, value in own.items()}
+        scene, known = with_settings(scene, rest), values_of(named)
+        for name in given:
+            known.pop(name.removesuffix('_deg'), None)
+        if made_of(scene.gait) is None:
+            raise ParameterError(
+                f'{next(iter(own))} is of gait {named.name}: its waves must not be set as well'
+            )
+        made = named_gait({'name': named.name, **known, **given}, scene.robot.link_count - 1)
         return replace(scene, gait=made)
     if (source := settings.get('gait.table')) is not None:
         count = settings.get('robot.link_count')
@@ -990,6 +1005,18 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
         settings = {**settings, 'gait.table': table_from(source, Path(), robot)}
     changed: Scene = with_values(scene, settings)
     return changed
+
+
+def _parameters_in(settings: Mapping[str, Any], named: NamedGait) -> dict[str, Any]:
+    """Return those settings that are parameters of a named gait."""
+    known = {f'gait.{name}' for name in values_of(named)}
+    return {name: settings[name] for name in settings if name.removesuffix('_deg') in known}
+
+
+def named_values(scene: Scene) -> dict[str, tuple[Any, Mapping[str, Any]]]:
+    """Return `flat_fields` of a scene, and the parameters of its gait if that has a name."""
+    named = made_of(scene.gait)
+    return flat_fields(scene) | (flat_fields(named, 'gait.') if named else {})
 
 
 def by_dotted_names(values: Mapping[str, Any], record: Any, prefix: str = '') -> dict[str, Any]:

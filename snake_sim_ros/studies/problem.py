@@ -17,14 +17,13 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
-    flat_fields,
     from_mapping,
     nearest,
     ParameterError,
     quantity,
     quoted,
 )
-from snake_sim_ros.scene.parameters import Array, Scene, with_settings
+from snake_sim_ros.scene.parameters import Array, named_values, Scene, with_settings
 from snake_sim_ros.studies.expressions import constraint_of, Expression, expression_of
 from snake_sim_ros.studies.metrics import Metric, METRICS, metrics_of, USUAL_METRICS
 from snake_sim_ros.studies.runs import Plan
@@ -88,7 +87,7 @@ class Robust:
         if not factors:
             return dict(values)
         keys = {name.removesuffix('_deg'): name for name in values}
-        found, flat = dict(values), flat_fields(with_settings(scene, values))
+        found, flat = dict(values), named_values(with_settings(scene, values))
         for name, factor in factors.items():
             key = keys.get(name, name)
             found[key] = _scaled(values[key] if key in values else flat[name][0], factor)
@@ -142,7 +141,7 @@ def robust_of(given: Any, scene: Scene) -> Robust:
 
 def _group(name: Any, given: Any, scene: Scene) -> list[dict[str, float]]:
     """Return the factors of a value, or of all values in a part of the scene such as friction."""
-    flat = flat_fields(scene)
+    flat = named_values(scene)
     plain = str(name).removesuffix('_deg')
     inside = [plain] if plain in flat else [key for key in flat if key.startswith(f'{plain}.')]
     inside = [
@@ -294,7 +293,7 @@ class Problem:
 
     def present(self) -> tuple[Array, dict[str, float]]:
         """Return where the scene itself is: shares of the bounds, and values within them."""
-        flat, shares, values = flat_fields(self.scene), [], {}
+        flat, shares, values = named_values(self.scene), [], {}
         for name, bound in self.bounds.items():
             value = flat[name.removesuffix('_deg')][0]
             if name.endswith('_deg'):
@@ -372,7 +371,7 @@ def _bound(name: str, given: Any, scene: Scene) -> Range:
     if 'count' in given:
         raise ParameterError(f'vary: {name} has no count of values in an optimization')
     bound: Range = from_mapping(Range, given, f'vary: {name}')
-    value = flat_fields(scene)[name.removesuffix('_deg')][0]
+    value = named_values(scene)[name.removesuffix('_deg')][0]
     if not isinstance(value, float):
         raise ParameterError(
             f'vary: {name} is {quoted(value)} in the scene; only numbers with a fraction have '

@@ -18,14 +18,13 @@ from scipy.special import ndtri
 
 from snake_sim_ros.scene.checked_records import (
     CheckedRecord,
-    flat_fields,
     from_mapping,
     nearest,
     ParameterError,
     quantity,
     quoted,
 )
-from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.parameters import Array, named_values, Scene
 
 SCALES = ('linear', 'log')
 COMBINED = ('grid', 'list')  # samplings of listed values; the others draw from ranges
@@ -255,7 +254,7 @@ def check_names(scene: Scene, names: Sequence[str], where: str) -> None:
         If not; the message suggests the nearest name.
 
     """
-    known = flat_fields(scene)
+    known = named_values(scene)
     found: set[str] = set()
     for name in names:
         plain = name.removesuffix('_deg') if isinstance(name, str) else name

@@ -23,11 +23,12 @@ from snake_sim_ros import (
     run,
     Scene,
     Sidewinding,
+    study,
     TurnInPlace,
 )
 from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
 from snake_sim_ros.scene import gait
-from snake_sim_ros.scene.gait_library import GAITS
+from snake_sim_ros.scene.gait_library import GAITS, named_gait
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 
 A, OMEGA, WAVES = 0.3, 1.1, 1.3
@@ -215,3 +216,36 @@ def test_gaits_that_are_none_are_one_sentence(text, sentence):
     with pytest.raises(ParameterError) as caught:
         scene_from_text(f'gait: {text}')
     assert str(caught.value).startswith(sentence)
+
+
+def test_parameters_of_a_named_gait_are_values_of_its_scene():
+    scene = load_scene('eel_like')
+    by_name = with_settings(scene, {'gait.name': 'eel_like', 'gait.waves': 1.0})
+    changed = with_settings(scene, {'gait.waves': 1.0, 'duration': 3.0})
+    assert changed.gait == by_name.gait
+    assert changed.gait != scene.gait
+    assert changed.duration == 3.0
+    again = with_settings(changed, {'gait.amplitude_deg': 20})
+    both = {'gait.name': 'eel_like', 'gait.waves': 1.0, 'gait.amplitude_deg': 20}
+    assert again.gait == with_settings(scene, both).gait
+    assert with_settings(scene, {'gait.soft_start': 1.0}).gait.soft_start == 1.0
+    fewer = with_settings(scene, {'gait.waves': 1.0, 'robot.link_count': 6})
+    assert fewer.gait == named_gait({'name': 'eel_like', 'waves': 1.0}, 5)
+
+
+def test_a_gait_whose_waves_changed_has_no_name_any_more():
+    scene = with_settings(load_scene('eel_like'), {'gait.yaw.amplitude': 0.3})
+    with pytest.raises(ParameterError, match=r"unknown name 'gait\.waves'"):
+        with_settings(scene, {'gait.waves': 1.0})
+    with pytest.raises(ParameterError, match=r'gait\.waves is of gait eel_like: its waves'):
+        with_settings(load_scene('eel_like'), {'gait.waves': 1.0, 'gait.yaw.amplitude': 0.3})
+
+
+def test_a_study_varies_parameters_of_a_named_gait():
+    table = study('eel_like', {'gait.waves': [1.0, 1.4]}, ['distance'], set={'duration': 1.0})
+    single = [
+        run('eel_like', duration=1.0, gait={'name': 'eel_like', 'waves': waves}).distance
+        for waves in (1.0, 1.4)
+    ]
+    assert table['distance'].to_list() == pytest.approx(single, rel=1e-9)
+    assert single[0] != single[1]

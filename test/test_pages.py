@@ -41,7 +41,7 @@ def test_every_page_is_in_the_index():
 
 def test_every_example_is_on_the_page_of_examples():
     page = read('docs/examples.md')
-    for path in (*ROOT.glob('examples/*.py'), *ROOT.glob('examples/*.yaml')):
+    for path in ROOT.glob('examples/*.*'):
         assert f'(../examples/{path.name})' in page, path.name
 
 

@@ -31,7 +31,7 @@ class Manager:
     def __init__(self, sim):
         self.sim, graph = sim, sim.graph
         if not sim.is_paused():  # A manager that starts anew takes longer than a stream pauses.
-            sim.advance_to(sim.now + 0.6)
+            sim.advance_to(sim.now + 1.0)
         descriptions = []
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         graph.node.create_subscription(

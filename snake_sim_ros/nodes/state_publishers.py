@@ -27,6 +27,7 @@ from snake_sim_ros.recording.sensors import SensorReader, Sensors
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Ground, Patches, Scene, steps_in
 from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.surfaces import surfaces_of
 from snake_sim_ros.scene.urdf_ros2_control import with_ros2_control
 from snake_sim_ros.stepping.contact_forces import contact_forces
 from snake_sim_ros.stepping.exact_sensors import ACCELERATION, ANGULAR_VELOCITY, ORIENTATION
@@ -97,12 +98,15 @@ class Transforms:
 # lines that begin there (id 1), with a length of FORCE_SCALE for each newton. Without contacts
 # both are deleted. Namespace `scene` has the ground as one list of boxes (id 0) and the pegs as
 # cylinders (ids from 1). Namespace `patches` has patches of friction as one list of plates (id 0).
-# All markers are in frame `world` and have no lifetime: they stay until replaced.
+# Namespace `world` has the solids of a world as triangles, one marker each (ids from 0), in the
+# first of WORLD_PERIOD messages. All markers are in frame `world` and have no lifetime: they stay
+# until replaced.
 
 
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
 PLATE = 0.002  # m, thickness of patches
+WORLD_PERIOD = 30  # messages; solids do not move, and may have many triangles
 MARKER_PERIOD = 1 / 30  # s between two messages at least, which is enough for the eye
 COLORS = {
     'point': (1.0, 1.0, 1.0, 1.0),
@@ -135,6 +139,8 @@ class SceneMarkers:
             peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
             peg.pose.position = _point((x, y, height / 2))
             markers.append(peg)
+        self.solids = [_solid(k, *surface) for k, surface in enumerate(surfaces_of(scene.world))]
+        self.others, self.filled = markers, 0
         self.message = MarkerArray(markers=markers)
 
     def fill(self, stamp: Time, points: Array, forces: Array) -> None:
@@ -153,8 +159,18 @@ class SceneMarkers:
         for marker, entries in ((self.points, points), (self.forces, ends)):
             marker.action = action
             marker.points = [_point(entry) for entry in entries.tolist()]
+        is_whole = self.filled % WORLD_PERIOD == 0
+        self.message.markers = self.others + self.solids if is_whole else self.others
+        self.filled += 1
         for marker in self.message.markers:
             marker.header.stamp = stamp
+
+
+def _solid(number: int, vertices: Array, faces: Array) -> Marker:
+    """Return the surface of a solid as a list of triangles."""
+    marker = _marker('world', number, Marker.TRIANGLE_LIST, 'ground', [1.0, 1.0, 1.0])
+    marker.points = [_point(vertex) for vertex in vertices[faces].reshape(-1, 3).tolist()]
+    return marker
 
 
 def _ground(ground: Ground) -> Marker:

@@ -11,6 +11,7 @@ from snake_sim_ros import Ground, Patches, Pegs, Scene
 from snake_sim_ros.nodes.messages import stamp_from
 from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording.from_messages import FORCE_SCALE
+from snake_sim_ros.scene.world import Box, Pole, World
 
 pytestmark = pytest.mark.fast
 
@@ -96,3 +97,22 @@ def test_cells_of_the_ground_are_boxes_up_to_their_heights():
     assert (centers[:, 2] - ground.scale.z / 2).max() < -0.05  # no gaps below
     x, y = centers[5, :2]
     assert (x, y) == (-1.0 + 2.5 * 0.5, 2.0 + 1.5 * 0.5)
+
+
+def test_solids_of_a_world_are_triangles_in_some_messages():
+    world = World(boxes=(Box(center=(0.0, 0.0, 0.1), size=(1.0, 0.5, 0.2)),), poles=(Pole(),))
+    scene = Scene(world=world)
+    shown = drawn(scene, *[(POINTS, FORCES)] * 3)
+    box, pole = shown['world', 0], shown['world', 1]
+    assert box.type == pole.type == Marker.TRIANGLE_LIST
+    corners = places(box)
+    assert len(corners) == 36
+    assert np.allclose(corners.min(axis=0), [-0.5, -0.25, 0.0])
+    assert np.allclose(corners.max(axis=0), [0.5, 0.25, 0.2])
+    # Counterclockwise from outside: the volume below all triangles is that of the box.
+    a, b, c = corners.reshape(-1, 3, 3).transpose(1, 0, 2)
+    assert np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6 == pytest.approx(0.1)
+    markers = SceneMarkers(scene)
+    for k in range(3):
+        markers.fill(STAMP, NOTHING, NOTHING)
+        assert any(marker.ns == 'world' for marker in markers.message.markers) == (k == 0)

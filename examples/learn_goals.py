@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learn to reach goals: CMA-ES finds a policy that steers a gait, in some minutes of two cores."""
+"""Learn to reach goals: CMA-ES finds how to steer a gait, in some minutes of two cores."""
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
@@ -41,17 +41,15 @@ def score(weights: np.ndarray, seeds: range, pool: ProcessPoolExecutor) -> tuple
 def main() -> None:
     """Print how well the policy does on goals that it has not seen, beside the gait as it is."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--generations', type=int, default=40)
+    parser.add_argument('--generations', type=int, default=15)
     parser.add_argument('--episodes', type=int, default=6, help='of each policy in a generation')
     parser.add_argument(
         '--judged', type=int, default=40, help='episodes with new goals at the end'
     )
     parser.add_argument('--out', default='goals.npy', help='file for the weights of the policy')
     arguments = parser.parse_args()
-    count = gymnasium.make(NAME).action_space.shape[0]
-    search = cma.CMAEvolutionStrategy(
-        np.zeros(count * (SEES + 1)), 0.5, {'seed': 1, 'verbose': -9, 'popsize': 12}
-    )
+    options = {'seed': 1, 'verbose': -9, 'popsize': 12}
+    search = cma.CMAEvolutionStrategy(gait().ravel(), 0.3, options)
     with ProcessPoolExecutor(2) as pool:
         for generation in range(arguments.generations):
             seeds = range(generation * arguments.episodes, (generation + 1) * arguments.episodes)

@@ -46,6 +46,14 @@ class EntityState(NamedTuple):
     spin: Array = STILL  # (3,) [rad/s]
 
 
+class RefusedRequest(ValueError):
+    """A request cannot be answered; `code` is that of its result."""
+
+    def __init__(self, code: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
 class EntityServices:
     """
     Offers the services of entities.
@@ -80,9 +88,11 @@ class EntityServices:
     # ---- requests -------------------------------------------------------------------------------
 
     def _on_list(self, request: Any, response: Any) -> Any:
-        code, found = self._filtered(request.filters)
-        response.entities = found if code == standard.messages.Result.RESULT_OK else []
-        return answered(response, code, '' if found == response.entities else found[0])
+        try:
+            response.entities = self._filtered(request.filters)
+        except RefusedRequest as error:
+            return answered(response, error.code, str(error))
+        return answered(response, standard.messages.Result.RESULT_OK)
 
     def _on_states(self, request: Any, response: Any) -> Any:
         self._on_list(request, response)
@@ -192,26 +202,28 @@ class EntityServices:
         reach = radius[:, None]
         return (ends - reach).min(axis=0), (ends + reach).max(axis=0)
 
-    def _filtered(self, filters: Any) -> tuple[int, list[str]]:
-        """Return a code of results, and the names that pass, or a sentence on what is wrong."""
+    def _filtered(self, filters: Any) -> list[str]:
+        """Return the names that pass filters; raise RefusedRequest if one is not usable."""
         codes, kinds = standard.messages.Result, standard.messages.EntityCategory
         if len(filters.filter) > LONGEST_FILTER:
-            return codes.RESULT_OPERATION_FAILED, [
-                f'filter may have {LONGEST_FILTER} characters, got {len(filters.filter)}'
-            ]
+            raise RefusedRequest(
+                codes.RESULT_OPERATION_FAILED,
+                f'filter may have {LONGEST_FILTER} characters, got {len(filters.filter)}',
+            )
         try:
             wanted = re.compile(filters.filter)
         except re.error as error:
-            return codes.RESULT_OPERATION_FAILED, [
-                f'filter {quoted(cut(filters.filter))} is no regular expression: {error}'
-            ]
+            raise RefusedRequest(
+                codes.RESULT_OPERATION_FAILED,
+                f'filter {quoted(cut(filters.filter))} is no regular expression: {error}',
+            ) from None
         if filters.tags.tags:
-            return codes.RESULT_FEATURE_UNSUPPORTED, ['entities have no tags']
+            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, 'entities have no tags')
         categories = {item.category for item in filters.categories}
         try:
             overlaps = overlap_of(filters.bounds)
         except ParameterError as error:
-            return codes.RESULT_FEATURE_UNSUPPORTED, [str(error)]
+            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, str(error)) from None
 
         def passes(name: str) -> bool:
             is_robot = name == ROBOT_NAME
@@ -220,7 +232,7 @@ class EntityServices:
                 return False
             return overlaps is None or overlaps(*self._box(name, of_entity=False))
 
-        return codes.RESULT_OK, [name for name in self.names if passes(name)]
+        return [name for name in self.names if passes(name)]
 
 
 def overlap_of(bounds: Any) -> Callable[[Array, Array], bool] | None:

@@ -249,6 +249,7 @@ def test_steps_of_the_action_have_feedback(spatial):
     answer, heard = run(5)
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     assert answer.result.result.result == Result.RESULT_OK
+    spatial.graph.until(lambda: len(heard) >= 5, 'feedback, which the result may overtake')
     assert [(one.completed_steps, one.remaining_steps) for one in heard] == [
         (k, 5 - k) for k in range(1, 6)
     ]

@@ -4,8 +4,9 @@
 The entities of a simulation, by the services of simulation_interfaces.
 
 They are offered where that package is installed. The entity `snake_robot`, as the URDF calls it,
-has pose and twist of ``base_link``, which may be set. Pegs are `peg_1` and so on, and stay where
-they are. The state of a link, such as `link_6`, can be asked for under its name, too.
+has pose and twist of ``base_link``, which may be set. Pegs of the scene are `peg_1` and so on;
+pegs may be spawned and deleted, see `spawning`, and stay where they are. The state of a link, such
+as `link_6`, can be asked for under its name, too.
 """
 
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from rclpy.node import Node
 from snake_sim_ros.nodes import standard
 from snake_sim_ros.nodes.messages import WORLD
 from snake_sim_ros.nodes.placing import base_pose, base_twist, Placing, UnusablePose
+from snake_sim_ros.nodes.spawning import SpawnedPegs
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
 from snake_sim_ros.scene.obstacles import PEG_HEIGHT
@@ -33,7 +35,6 @@ SERVICES = (
     'SetEntityState',
 )
 LONGEST_FILTER = 200  # characters of a regular expression
-PEG = 'peg_'
 STILL = np.zeros(3)
 
 
@@ -46,6 +47,14 @@ class EntityState(NamedTuple):
     spin: Array = STILL  # (3,) [rad/s]
 
 
+class RefusedRequest(ValueError):
+    """A request cannot be answered; `code` is that of its result."""
+
+    def __init__(self, code: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
 class EntityServices:
     """
     Offers the services of entities.
@@ -56,11 +65,14 @@ class EntityServices:
     simulation : Simulation
     placing : Placing
         Puts the robot elsewhere.
+    pegs : SpawnedPegs
 
     """
 
-    def __init__(self, node: Node, simulation: Simulation, placing: Placing) -> None:
-        self._simulation, self._placing = simulation, placing
+    def __init__(
+        self, node: Node, simulation: Simulation, placing: Placing, pegs: SpawnedPegs
+    ) -> None:
+        self._simulation, self._placing, self._pegs = simulation, placing, pegs
         answers: tuple[Callable[[Any, Any], Any], ...] = (
             *(self._on_list, self._on_info, self._on_state, self._on_states, self._on_bounds),
             self._on_set,
@@ -74,15 +86,16 @@ class EntityServices:
     @property
     def names(self) -> list[str]:
         """Names of all entities."""
-        count = len(self._simulation.scene.pegs.x)
-        return [ROBOT_NAME, *(f'{PEG}{k}' for k in range(1, count + 1))]
+        return [ROBOT_NAME, *self._pegs.names]
 
     # ---- requests -------------------------------------------------------------------------------
 
     def _on_list(self, request: Any, response: Any) -> Any:
-        code, found = self._filtered(request.filters)
-        response.entities = found if code == standard.messages.Result.RESULT_OK else []
-        return answered(response, code, '' if found == response.entities else found[0])
+        try:
+            response.entities = self._filtered(request.filters)
+        except RefusedRequest as error:
+            return answered(response, error.code, str(error))
+        return answered(response, standard.messages.Result.RESULT_OK)
 
     def _on_states(self, request: Any, response: Any) -> Any:
         self._on_list(request, response)
@@ -167,8 +180,8 @@ class EntityServices:
         """Return the state of an entity or a link."""
         scene, state = self._simulation.scene, self._simulation.state
         robot = scene.robot
-        if name.startswith(PEG) and name in self.names:
-            x, y, _ = scene.pegs.axes[peg_index(name)]
+        if name in self._pegs.names:
+            x, y, _ = scene.pegs.axes[self._pegs.names.index(name)]
             return EntityState(np.array([x, y, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
         if name == ROBOT_NAME:
             return EntityState(*base_pose(robot, state), *base_twist(robot, state))
@@ -181,7 +194,7 @@ class EntityServices:
         """Return the corners of a box around an entity, in its own frame or in the world [m]."""
         scene, state = self._simulation.scene, self._simulation.state
         if name != ROBOT_NAME:
-            x, y, radius = scene.pegs.axes[peg_index(name)]
+            x, y, radius = scene.pegs.axes[self._pegs.names.index(name)]
             center = STILL[:2] if of_entity else np.array([x, y])
             height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
             return np.append(center - radius, 0.0), np.append(center + radius, height)
@@ -192,26 +205,28 @@ class EntityServices:
         reach = radius[:, None]
         return (ends - reach).min(axis=0), (ends + reach).max(axis=0)
 
-    def _filtered(self, filters: Any) -> tuple[int, list[str]]:
-        """Return a code of results, and the names that pass, or a sentence on what is wrong."""
+    def _filtered(self, filters: Any) -> list[str]:
+        """Return the names that pass filters; raise RefusedRequest if one is not usable."""
         codes, kinds = standard.messages.Result, standard.messages.EntityCategory
         if len(filters.filter) > LONGEST_FILTER:
-            return codes.RESULT_OPERATION_FAILED, [
-                f'filter may have {LONGEST_FILTER} characters, got {len(filters.filter)}'
-            ]
+            raise RefusedRequest(
+                codes.RESULT_OPERATION_FAILED,
+                f'filter may have {LONGEST_FILTER} characters, got {len(filters.filter)}',
+            )
         try:
             wanted = re.compile(filters.filter)
         except re.error as error:
-            return codes.RESULT_OPERATION_FAILED, [
-                f'filter {quoted(cut(filters.filter))} is no regular expression: {error}'
-            ]
+            raise RefusedRequest(
+                codes.RESULT_OPERATION_FAILED,
+                f'filter {quoted(cut(filters.filter))} is no regular expression: {error}',
+            ) from None
         if filters.tags.tags:
-            return codes.RESULT_FEATURE_UNSUPPORTED, ['entities have no tags']
+            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, 'entities have no tags')
         categories = {item.category for item in filters.categories}
         try:
             overlaps = overlap_of(filters.bounds)
         except ParameterError as error:
-            return codes.RESULT_FEATURE_UNSUPPORTED, [str(error)]
+            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, str(error)) from None
 
         def passes(name: str) -> bool:
             is_robot = name == ROBOT_NAME
@@ -220,7 +235,7 @@ class EntityServices:
                 return False
             return overlaps is None or overlaps(*self._box(name, of_entity=False))
 
-        return codes.RESULT_OK, [name for name in self.names if passes(name)]
+        return [name for name in self.names if passes(name)]
 
 
 def overlap_of(bounds: Any) -> Callable[[Array, Array], bool] | None:
@@ -251,11 +266,6 @@ def link_ends(scene: Scene, q: Array) -> tuple[Array, Array]:
     half = capsules.half[:, None] * capsules.axis
     ends = [r + np.einsum('kij,kj->ki', R, capsules.center + way) for way in (half, -half)]
     return np.concatenate(ends), np.tile(capsules.radius, 2)
-
-
-def peg_index(name: str) -> int:
-    """Return the index of a peg by its name."""
-    return int(name.removeprefix(PEG)) - 1
 
 
 # ---- messages -----------------------------------------------------------------------------------
@@ -294,7 +304,10 @@ def answered(response: Any, code: int, why: str = '') -> Any:
     return response
 
 
-def serve_entities(node: Node, simulation: Simulation, placing: Placing) -> None:
+def serve_entities(
+    node: Node, simulation: Simulation, placing: Placing, pegs: SpawnedPegs
+) -> None:
     """Offer the services of entities where simulation_interfaces is installed."""
     if standard.services is not None:
-        EntityServices(node, simulation, placing)
+        EntityServices(node, simulation, placing, pegs)
+        pegs.serve(node)

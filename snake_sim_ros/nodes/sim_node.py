@@ -29,10 +29,11 @@ from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
 from snake_sim_ros.nodes.sim_services import Handling, serve_simulation
+from snake_sim_ros.nodes.spawning import SpawnedPegs
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.parameters import steps_in
+from snake_sim_ros.scene.parameters import Scene, steps_in
 from snake_sim_ros.stepping.methods import make_stepper, what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -123,8 +124,9 @@ class SimNode(Node):
             self.begin(time.perf_counter() - begin)
         # Loading takes half a second, in which no service could answer.
         ParameterRequests(self)
-        serve_simulation(self)
-        serve_entities(self, self.simulation, self.handling.placing)
+        pegs = SpawnedPegs(self.simulation, lambda: self.inbox.modes.scene, self._change_obstacles)
+        serve_simulation(self, pegs.despawn)
+        serve_entities(self, self.simulation, self.handling.placing, pegs)
         serve_trajectories(self, self.inbox)
 
     def _load(self, level: str) -> None:
@@ -291,6 +293,20 @@ class SimNode(Node):
         self.inbox.settings = self.handling.settings = self.settings
         self.inbox.modes.change(scene)
         self._share_iterations()
+
+    def _change_obstacles(self, scene: Scene) -> None:
+        """Continue with other obstacles; if their machine code is missing, time waits for it."""
+        self.inbox.modes.change(scene)
+        self.state_publishers.show_obstacles(scene)
+        levels = levels_of(scene)
+        missing = [level for level in levels if not is_loaded(partial(self._load, level))]
+        if self.compiler:
+            self.compiler.end()
+            self.compiler = None
+        if missing:
+            self.compiler = Compiler(self.simulation.scene, self._load, missing)
+            self.compiler.needed = len(missing)
+            self.compiler.start()
 
     def _share_iterations(self) -> None:
         self.simulation.budget.share = self.settings.iteration_budget / self.steps

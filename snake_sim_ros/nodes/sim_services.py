@@ -47,6 +47,10 @@ FEATURES = {  # what serves it -> features
     'GetEntityInfo': ('ENTITY_INFO_GETTING',),
     'GetEntityState': ('ENTITY_STATE_GETTING',),
     'SetEntityState': ('ENTITY_STATE_SETTING',),
+    'SpawnEntity': ('SPAWNING', 'SPAWNING_RESOURCE_STRING'),
+    'SpawnEntities': ('SPAWNING_ENTITIES',),
+    'GetSpawnables': ('SPAWNABLES',),
+    'DeleteEntity': ('DELETING', 'SIMULATION_RESET_SPAWNED'),
     'ResetSimulation': ('SIMULATION_RESET', 'SIMULATION_RESET_TIME', 'SIMULATION_RESET_STATE'),
     'GetSimulationState': ('SIMULATION_STATE_GETTING',),
     'SetSimulationState': ('SIMULATION_STATE_SETTING', 'SIMULATION_STATE_PAUSE'),
@@ -118,8 +122,8 @@ class SimulationServices:
 class StandardServices:
     """The services of simulation_interfaces; a step is one publish period."""
 
-    def __init__(self, node: Controllable) -> None:
-        self.node, self.stopped = node, False
+    def __init__(self, node: Controllable, despawn: Callable[[], None] | None) -> None:
+        self.node, self.stopped, self.despawn = node, False, despawn
         for name, callback in (
             ('GetSimulatorFeatures', self._on_features),
             ('GetSimulationState', self._on_get_state),
@@ -154,6 +158,7 @@ class StandardServices:
             if hasattr(features, name)
         ]
         response.features.features = sorted(known)
+        response.features.spawn_formats = ['urdf'] if self.despawn else []
         response.features.custom_info = 'snake_sim_ros: a step is one publish period'
         return response
 
@@ -178,6 +183,8 @@ class StandardServices:
             self.node.paused, self.stopped = wanted == states.STATE_PAUSED, False
         elif wanted == states.STATE_STOPPED:
             self.node.paused = self.stopped = True
+            if self.despawn:
+                self.despawn()
             self.node.reset(state=True, time=True)
         else:
             result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
@@ -188,15 +195,19 @@ class StandardServices:
         kind = type(request)
         scope = request.scope or kind.SCOPE_ALL
         time, state = bool(scope & kind.SCOPE_TIME), bool(scope & kind.SCOPE_STATE)
+        despawn = self.despawn if scope & kind.SCOPE_SPAWNED else None
         response.result.result = standard.messages.Result.RESULT_OK
-        if not time and not state:
+        if not (time or state or despawn):
             response.result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
-            response.result.error_message = f'scope must have bit 1 or 2, got {scope}'
+            response.result.error_message = f'scope must have bit 1, 2 or 4, got {scope}'
         elif self.node.compiling:
             response.result.result = standard.messages.Result.RESULT_OPERATION_FAILED
             response.result.error_message = self.node.compiling
         else:
-            self.node.reset(state=state, time=time)
+            if despawn:
+                despawn()
+            if time or state:
+                self.node.reset(state=state, time=time)
         return response
 
     def _on_step(self, request: Any, response: Any) -> Any:
@@ -319,11 +330,11 @@ class ServedSteps:
         goal.execute(finish)
 
 
-def serve_simulation(node: Controllable) -> None:
-    """Offer the services of a node whose packages are installed."""
+def serve_simulation(node: Controllable, despawn: Callable[[], None] | None = None) -> None:
+    """Offer the services of a node whose packages are installed; it may despawn entities."""
     SimulationServices(node)
     if standard.services is not None:
-        StandardServices(node)
+        StandardServices(node, despawn)
     if kind := getattr(standard.actions, 'SimulateSteps', None):
         ServedSteps(node, kind).serve()
 

@@ -126,7 +126,7 @@ class SceneMarkers:
 
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, pegs_before: int = 0) -> None:
         self.points = _marker('contacts', 0, Marker.SPHERE_LIST, 'point', [POINT_SIZE] * 3)
         self.forces = _marker('contacts', 1, Marker.LINE_LIST, 'force', [LINE_WIDTH, 0, 0])
         markers = [self.points, self.forces]
@@ -139,9 +139,18 @@ class SceneMarkers:
             peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
             peg.pose.position = _point((x, y, height / 2))
             markers.append(peg)
+        for k in range(len(scene.pegs.x) + 1, pegs_before + 1):
+            gone = _marker('scene', k, Marker.CYLINDER, 'peg', [0.0] * 3)
+            gone.action = Marker.DELETE
+            markers.append(gone)
+        self._pegs = max(len(scene.pegs.x), pegs_before)
         self.solids = [_solid(k, *surface) for k, surface in enumerate(surfaces_of(scene.world))]
         self.others, self.filled = markers, 0
         self.message = MarkerArray(markers=markers)
+
+    def of(self, scene: Scene) -> 'SceneMarkers':
+        """Return the markers of another scene, which remove pegs that it does not have."""
+        return SceneMarkers(scene, self._pegs)
 
     def fill(self, stamp: Time, points: Array, forces: Array) -> None:
         """
@@ -420,6 +429,10 @@ class StatePublishers:
             self.publish_markers(nanoseconds)
         if self._clock:
             self._clock.publish(bytes(messages.clock))
+
+    def show_obstacles(self, scene: Scene) -> None:
+        """Show the obstacles of another scene from now on."""
+        self._scene_markers = self._scene_markers.of(scene)
 
     def publish_markers(self, nanoseconds: int) -> None:
         """Publish contacts and obstacles, if somebody subscribed and the last ones are old."""

@@ -20,6 +20,7 @@ from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.nodes import sim_services, standard, state_publishers
 from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.placing import Placing
+from snake_sim_ros.nodes.spawning import SpawnedPegs
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -221,7 +222,8 @@ class Entities:
         node = SimpleNamespace(
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
-        serve_entities(node, self.simulation, Placing(self.simulation, self.count))
+        pegs = SpawnedPegs(self.simulation, lambda: self.simulation.scene, self.simulation.change)
+        serve_entities(node, self.simulation, Placing(self.simulation, self.count), pegs)
 
     def count(self):
         self.moved += 1

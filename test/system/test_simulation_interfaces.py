@@ -5,7 +5,7 @@
 import math
 
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import PoseStamped, Vector3
 import numpy as np
 import pytest
 from rclpy.action import ActionClient
@@ -16,9 +16,12 @@ from simulation_interfaces.msg import (
     Bounds,
     EntityCategory,
     EntityState,
+    Resource,
     Result,
     SimulationState,
     SimulatorFeatures,
+    SpawnEntity,
+    SpawnResult,
 )
 
 ROBOT = 'snake_robot'
@@ -31,6 +34,12 @@ SERVED = {
     'ENTITY_STATE_GETTING': 'get_entity_state',
     'ENTITY_STATE_SETTING': 'set_entity_state',
     'ENTITY_INFO_GETTING': 'get_entity_info',
+    'SPAWNING': 'spawn_entity',
+    'SPAWNING_RESOURCE_STRING': 'spawn_entity',
+    'SPAWNING_ENTITIES': 'spawn_entities',
+    'SPAWNABLES': 'get_spawnables',
+    'DELETING': 'delete_entity',
+    'SIMULATION_RESET_SPAWNED': 'reset_simulation',
     'SIMULATION_RESET': 'reset_simulation',
     'SIMULATION_RESET_TIME': 'reset_simulation',
     'SIMULATION_RESET_STATE': 'reset_simulation',
@@ -48,14 +57,14 @@ SERVED = {
 class Standard(SimClient):
     """A sim, and its services of the standard."""
 
-    def ask(self, name, **fields):
+    def ask(self, name, /, **fields):
         """Call a service; return its response and the code of its result."""
         kind = getattr(srv, name)
         topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
         response = self.graph.call(kind, self.service(topic), kind.Request(**fields))
         return response, getattr(response, 'result', Result(result=Result.RESULT_OK)).result
 
-    def ok(self, name, **fields):
+    def ok(self, name, /, **fields):
         """Call a service that must succeed; return its response."""
         response, code = self.ask(name, **fields)
         assert code == Result.RESULT_OK, response
@@ -207,6 +216,81 @@ def test_entities_have_a_kind_a_place_and_bounds(spatial):
     assert (high - low)[2] == pytest.approx(0.105, abs=2e-3)
 
 
+POST = """<robot name="post"><link name="post">
+  <collision><geometry><cylinder radius="0.2" length="1"/></geometry></collision>
+</link></robot>"""
+
+
+def at(x, y):
+    pose = PoseStamped()
+    pose.pose.position.x, pose.pose.position.y = x, y
+    return pose
+
+
+def listed(sim):
+    return sim.ok('GetEntities').entities
+
+
+def test_pegs_are_spawned_deleted_and_gone_after_a_reset(spatial):
+    (offered,) = spatial.ok('GetSpawnables').spawnables
+    resource = offered.entity_resource
+    answer = spatial.ok(
+        'SpawnEntity', name='post', entity_resource=resource, initial_pose=at(4.0, 2.0)
+    )
+    assert answer.entity_name == 'post'
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'post']
+    assert numbers(spatial.entity('post').pose.position) == pytest.approx([4.0, 2.0, 0.0])
+    # The robot meets it: a wide one, a hand's breadth before link 1, which moves at it.
+    thick = Resource(resource_string=POST)
+    start = spatial.entity('link_1').pose.position
+    there = at(start.x - 0.4, start.y)
+    spatial.ok('SpawnEntity', name='wide', entity_resource=thick, initial_pose=there)
+    assert spatial.ok('GetEntityBounds', entity='wide').bounds.points[0].x == pytest.approx(0.2)
+    wanted = EntityState()
+    wanted.twist.linear.x = -3.0
+    assert spatial.put(wanted, twist=True) == (Result.RESULT_OK, '')
+    spatial.ok('StepSimulation', steps=40)
+    assert spatial.entity('link_1').pose.position.x > start.x - 0.4
+    spatial.ok('DeleteEntity', entity='post')
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'wide']
+    spatial.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_SPAWNED)
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2']
+    assert spatial.entity('peg_2').pose.position.x == pytest.approx(-3.0)
+
+
+def test_peg_that_cannot_be_spawned(spatial):
+    codes, peg = srv.SpawnEntity.Response, Resource(uri='peg')
+    tilted = at(4.0, 0.0)
+    tilted.pose.orientation.x, tilted.pose.orientation.w = math.sqrt(0.5), math.sqrt(0.5)
+    for name, resource, pose, code in (
+        ('peg_1', peg, at(4.0, 0.0), codes.NAME_NOT_UNIQUE),
+        ('', peg, at(4.0, 0.0), codes.NAME_INVALID),
+        ('a b', peg, at(4.0, 0.0), codes.NAME_INVALID),
+        ('a', Resource(), at(4.0, 0.0), codes.NO_RESOURCE),
+        ('a', Resource(uri='house.sdf'), at(4.0, 0.0), codes.UNSUPPORTED_FORMAT),
+        ('a', Resource(resource_string='<robot'), at(4.0, 0.0), codes.RESOURCE_PARSE_ERROR),
+        ('a', peg, at(0.0, 0.0), codes.INVALID_POSE),  # where the robot is
+        ('a', peg, at(math.nan, 0.0), codes.INVALID_POSE),
+        ('a', peg, tilted, codes.INVALID_POSE),
+    ):
+        request = {'name': name, 'entity_resource': resource, 'initial_pose': pose}
+        response, found = spatial.ask('SpawnEntity', **request)
+        assert found == code and response.result.error_message, response
+    renamed = {'name': 'peg_1', 'allow_renaming': True, 'entity_resource': peg}
+    answer = spatial.ok('SpawnEntity', **renamed, initial_pose=at(4.0, 0.0))
+    assert answer.entity_name == 'peg_1_1'
+    assert spatial.ask('DeleteEntity', entity=ROBOT)[1] == Result.RESULT_OPERATION_FAILED
+    assert spatial.ask('DeleteEntity', entity='door')[1] == Result.RESULT_NOT_FOUND
+    several = [SpawnEntity(name=n, entity_resource=peg, initial_pose=at(5.0, 1.0)) for n in 'aa']
+    response, code = spatial.ask('SpawnEntities', spawn_requests=several)
+    assert code == srv.SpawnEntities.Response.ENTITIES_SPAWN_FAILED
+    results = [item.result.result for item in response.results]
+    assert results == [Result.RESULT_OK, SpawnResult.NAME_NOT_UNIQUE]
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'peg_1_1', 'a']
+    spatial.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_STOPPED))
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2']
+
+
 # ---- time and worlds ----------------------------------------------------------------------------
 
 
@@ -226,7 +310,7 @@ def test_scopes_of_a_reset(spatial):
     spatial.ok('ResetSimulation', scope=kind.SCOPE_STATE)
     assert spatial.entity().pose.position.x == pytest.approx(start)
     spatial.graph.until(lambda: spatial.now == pytest.approx(0.01), 'time going on')
-    _, code = spatial.ask('ResetSimulation', scope=kind.SCOPE_SPAWNED)
+    _, code = spatial.ask('ResetSimulation', scope=8)
     assert code == Result.RESULT_FEATURE_UNSUPPORTED
 
 
@@ -249,6 +333,7 @@ def test_steps_of_the_action_have_feedback(spatial):
     answer, heard = run(5)
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     assert answer.result.result.result == Result.RESULT_OK
+    spatial.graph.until(lambda: len(heard) >= 5, 'feedback, which the result may overtake')
     assert [(one.completed_steps, one.remaining_steps) for one in heard] == [
         (k, 5 - k) for k in range(1, 6)
     ]
@@ -265,6 +350,7 @@ def test_steps_of_the_action_have_feedback(spatial):
 
 def test_state_of_the_simulation(spatial):
     states = SimulationState
+    spatial.ok('StepSimulation', steps=1)
     assert spatial.ok('GetSimulationState').state.state == states.STATE_PAUSED
     for wanted in (states.STATE_PLAYING, states.STATE_PAUSED, states.STATE_STOPPED):
         spatial.ok('SetSimulationState', state=states(state=wanted))

@@ -8,7 +8,7 @@ a sentence reports it. Any other message that is not usable is rejected with one
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import difflib
 from functools import lru_cache
 
@@ -108,20 +108,23 @@ def joint_command(
     """
     topic, names = 'joint_command', list(message.name)
     axes = axes_of(topic, names, robot)
-    if unclaimed is None:
-        unclaimed = np.zeros((len(KINDS), len(robot.place_signs)), dtype=bool)
-    values = _numbers_of(topic, message, names, robot, unclaimed[:, axes])
-    given = ~np.isnan(values)
-    position, velocity, effort = values
-    moved = given[0] | given[1]
-    found = ReceivedCommand(last, (axes, given))
-    if given[2].any():
+    lists = _lists_of(topic, message, names, robot, axes, unclaimed)
+    given = np.zeros((len(KINDS), len(names)), dtype=bool)
+    for row, kind in enumerate(KINDS):
+        if kind in lists:
+            given[row] = ~np.isnan(lists[kind])
+    all_given, effort, moved = (axes, given), None, given[0] | given[1]
+    if 'effort' in lists and given[2].any():
         which = axes[given[2]]
-        found = replace(found, effort=(which, robot.place_signs[which] * effort[given[2]]))
-    if not moved.any():
-        return found
-    names = [name for name, moves in zip(names, moved, strict=True) if moves]
-    axes, position, velocity = axes[moved], position[moved], np.nan_to_num(velocity[moved])
+        effort = which, robot.place_signs[which] * lists['effort'][given[2]]
+    if not moved.all():
+        names = [name for name, moves in zip(names, moved, strict=True) if moves]
+        axes = axes[moved]
+    if not names:
+        return ReceivedCommand(last, all_given, effort=effort)
+    nothing = np.full(len(moved), np.nan)
+    position, velocity = (lists.get(kind, nothing)[moved] for kind in ('position', 'velocity'))
+    velocity[np.isnan(velocity)] = 0.0
     limits, signs = robot.limits_of_axes(axes), robot.place_signs[axes]
     check_rates(topic, names, velocity, limits)
     stamp = _stamp(topic, message, last, axes, now)
@@ -130,41 +133,43 @@ def joint_command(
         position = np.where(goes_on, there, position)
     position, clamped = clamped_to(topic, names, position, limits)
     reference = last.commanded(axes, stamp, signs * position, signs * velocity)
-    return replace(found, reference=reference, clamped=clamped)
+    return ReceivedCommand(reference, all_given, clamped, effort=effort)
 
 
-def _numbers_of(
-    topic: str, message: JointState, names: list[str], robot: Robot, unclaimed: Array
-) -> Array:
-    """Return position, velocity and effort of named joints, (3, k), NaN where there is none."""
+def _lists_of(
+    topic: str,
+    message: JointState,
+    names: list[str],
+    robot: Robot,
+    axes: Array,
+    unclaimed: Array | None,
+) -> dict[str, Array]:
+    """Return kind -> numbers of named joints, (k,), NaN where a controller has not claimed one."""
     count = len(names)
-    lists = {kind: getattr(message, kind) for kind in KINDS}
-    if not robot.effort_commands:
-        if len(message.effort) and not (message.position or message.velocity):
-            raise RejectedCommand(
-                'effort',
-                f'{topic}: efforts alone need a robot that takes them: robot.effort_commands is '
-                f'false',
-            )
-        lists['effort'] = []
-    if not any(len(each) for each in lists.values()):
+    lists = {kind: values for kind in KINDS if len(values := getattr(message, kind))}
+    if not robot.effort_commands and lists.pop('effort', None) is not None and not lists:
+        raise RejectedCommand(
+            'effort',
+            f'{topic}: efforts alone need a robot that takes them: robot.effort_commands is false',
+        )
+    if not lists:
         raise RejectedCommand(
             'length',
             f'{topic} must have one position a name: got 0 positions for {count} names',
         )
-    found = np.full((len(KINDS), count), np.nan)
-    for row, (kind, given) in enumerate(lists.items()):
-        if not given:
-            continue
-        if len(given) != count:
+    found = {}
+    for kind, values in lists.items():
+        if len(values) != count:
             number = 'one position' if kind == 'position' else f'no {kind} or one'
             raise RejectedCommand(
                 'length',
-                f'{topic} must have {number} a name: got {len(given)} {KINDS[kind]} '
+                f'{topic} must have {number} a name: got {len(values)} {KINDS[kind]} '
                 f'for {count} names',
             )
-        found[row] = given
-        check_finite(topic, kind, names, np.where(unclaimed[row] & np.isnan(given), 0.0, given))
+        found[kind] = numbers = np.array(values)
+        if not np.isfinite(numbers).all():
+            free = unclaimed is not None and unclaimed[list(KINDS).index(kind), axes]
+            check_finite(topic, kind, names, np.where(free & np.isnan(numbers), 0.0, numbers))
     return found
 
 

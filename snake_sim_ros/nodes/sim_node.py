@@ -147,7 +147,7 @@ class SimNode(Node):
         if not self.inbox.is_open:
             return str(self.compiler)
         reason = getattr(self.simulation.stepper, 'reason', '')
-        why = f', since {reason}' if level == 'spatial' else ''
+        why = f', since {reason}' if level == 'spatial' and reason else ''
         return f'{self.compiler}: simulated time waits for the {level} level{why}'
 
     @property

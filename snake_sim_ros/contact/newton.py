@@ -13,7 +13,9 @@ laws are iterated for, and `laws.natural_map` judges them.
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
-The radii follow [1]_.
+The radii follow [1]_. Where they cycle for long, a continuation leads to the solution, see
+`continuation`; if it ends on its way, they are held again. There is none where contacts may be
+condensed.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
 residual of the laws is a velocity. Contacts that share a load in several ways answer to a velocity
@@ -503,7 +505,7 @@ def iterate(
     relaxation, before = 1.0, 0.0
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    stage, continues, patient = first_stage(laws, PREDICTED), False, True
+    stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -559,9 +561,8 @@ def iterate(
         if held or rounds < 0:
             held = False
             rounds += 1
-        elif patient and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
-            continues, patient = True, False
-            leave_operator(operator)
+        elif may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
+            continues, may_continue = True, False
             keep_centers(closed, contacts)
         else:
             held = True
@@ -743,10 +744,3 @@ def fill_twists(
     if operator is not None:
         if operator.is_condensed[0]:
             condensed_twists(closed, impulse_width(laws), contacts, chain, operator.delassus)
-
-
-@inlined
-def leave_operator(operator: Operator | None) -> None:
-    """Solve the rest of this step on the chain."""
-    if operator is not None:
-        operator.is_condensed[0] = 0

@@ -10,6 +10,10 @@ with mu = 5 on which an earlier solver failed. The others are postures on the fl
 0.3 m/s while turning (every contact lands and slides at once), with a link of 1000 times the mass,
 with an upright link, and with a pitched link that slides on its leading end, below and beyond
 Painlevé's threshold.
+
+In ``data/hard_steps.npz`` are the steps of most iterations of scenes with friction of 0.5 to 5,
+with curled, wedged and entangled robots, rolling friction and joint friction. The program
+``benchmarks/snake_sim_benchmarks/hard_steps.py`` writes them.
 """
 
 from dataclasses import replace
@@ -21,7 +25,7 @@ import numpy as np
 from snake_sim_ros import Scene, State
 from snake_sim_ros.dynamics.joint_control import make_control_memory
 from snake_sim_ros.scene.parameters import Array, scene_from_text
-from snake_sim_ros.stepping.state import History
+from snake_sim_ros.stepping.state import empty_history, History
 
 
 class StoredStep(NamedTuple):
@@ -52,3 +56,23 @@ def load_problems() -> dict[str, StoredStep]:
         problems[str(name)] = StoredStep(scene, State(*parts[:2]), history, *parts[3:])
     assert start == len(numbers)
     return problems
+
+
+def load_hard_steps() -> dict[str, list[StoredStep]]:
+    """Return the hardest steps by the names of their scenes."""
+    with np.load(Path(__file__).parent / 'data' / 'hard_steps.npz') as file:
+        data = {key: file[key] for key in file.files}
+    scenes = [scene_from_text(text.decode()) for text in data['scene']]
+    steps: dict[str, list[StoredStep]] = {str(name): [] for name in data['name']}
+    ends = np.cumsum(data['closed'], dtype=int)
+    for k, of in enumerate(data['of']):
+        scene, part = scenes[of], slice(ends[k] - int(data['closed'][k]), ends[k])
+        history = empty_history(scene)
+        for array, known in zip(history[:3], data['known'][part].swapaxes(0, 1), strict=True):
+            array[data['contact'][part]] = known
+        turn = data['turn'][k].astype(float)
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        state = State(np.hstack([data['position'][k], turn]), data['u'][k].astype(float))
+        angle, rate = data['angle'][k].astype(float), data['rate'][k].astype(float)
+        steps[str(data['name'][of])].append(StoredStep(scene, state, history, angle, rate))
+    return steps

@@ -75,9 +75,10 @@ class NewtonScratch:
     anchor: Components  # prox center of the proximal point method [N s]
     saved_trial: Components  # trial and iterate at the end of a round [m/s], [N s]
     saved_iterate: Components
-    disc_radius: Number  # radius of the friction disc if held; FREE: it is P_N [N s]
+    disc_radius: Number  # radius of the friction disc if held; FREE, CLOSE: it is P_N [N s]
     held_radius: Number  # disc radius that the next round holds [N s]
     radius_step: Number  # resulting P_N less the radius that was held [N s]
+    rule_center: Number  # selection_center of the step during a continuation [N s]
     is_closed: Index  # 1 while `closed` is being compared with all contacts
 
 
@@ -90,7 +91,7 @@ class Contacts(Table[Any]):
 
 
 SLIDING, ROLLING = range(2)  # kinds of friction
-FREE = -1.0  # value of disc_radius
+FREE, CLOSE = -1.0, -2.0  # values of disc_radius; see `linear_problem.close_law`
 
 
 @inlined

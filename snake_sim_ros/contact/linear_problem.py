@@ -36,7 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.contacts import Contacts, FREE, ROLLING, SLIDING, stiffness
+from snake_sim_ros.contact.contacts import CLOSE, Contacts, ROLLING, SLIDING, stiffness
 from snake_sim_ros.contact.delassus import (
     add_response,
     condensed_system,
@@ -72,6 +72,8 @@ from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
 FAR = 1e-4  # a solution that is farther from the trial velocities is not corrected [m/s]
+EFFECTIVE_MASS = 1e-5  # relative to the stiffness of the proximal point method; see `close_law`
+CLOSER = 100.0  # stiffness of contacts that stick there, relative to it
 SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
@@ -93,7 +95,7 @@ def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
         newton.P_0[a, 0], newton.S_N[a] = P_N + S_N * newton.trial[a, 0], S_N
         factor = grip(laws.other, contacts, a)
         radius, follow = (
-            (P_N, S_N) if newton.disc_radius[a] == FREE else (newton.disc_radius[a], 0.0)
+            (P_N, S_N) if newton.disc_radius[a] < 0.0 else (newton.disc_radius[a], 0.0)
         )
         radius, follow = factor * radius, factor * follow
         linearize_disc(anchored_disc(laws, laws.other, contacts, a), contacts, a, radius, follow)
@@ -148,9 +150,14 @@ def linearize_disc(disc: Disc, contacts: Contacts, a: int, radius: float, S_N: f
     newton = contacts.newton
     k = disc.column
     x, y, normal = newton.trial[a, k], newton.trial[a, k + 1], newton.trial[a, 0]
-    P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
-        disc, newton.anchor[a, k], newton.anchor[a, k + 1], x, y, radius
-    )
+    if newton.disc_radius[a] == CLOSE:
+        P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = close_law(
+            disc, newton.iterate[a, k], newton.iterate[a, k + 1], x, y, radius
+        )
+    else:
+        P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y = disc_law(
+            disc, newton.anchor[a, k], newton.anchor[a, k + 1], x, y, radius
+        )
     kind = SLIDING if k == 1 else ROLLING
     newton.law_impulse[a, k], newton.law_impulse[a, k + 1] = P_x, P_y
     S_xN, S_yN = d_x * S_N, d_y * S_N
@@ -201,6 +208,37 @@ def disc_law(
     shrink *= radius * over
     S_xx, S_xy, S_yy = shrink * (mu_x * y) ** 2, -shrink * d_x * d_y, shrink * (mu_y * x) ** 2
     return radius * d_x, radius * d_y, S_xx, S_xy, S_yy, d_x, d_y
+
+
+@compiled
+def close_law(
+    disc: Disc, P_x: float, P_y: float, gamma_x: float, gamma_y: float, radius: float
+) -> tuple[float, ...]:
+    """
+    Return what `disc_law` does, for an impulse and a velocity that need not belong together.
+
+    The law is ``P = prox(P - r gamma)`` with r as large as an effective mass, made linear in both,
+    so that a velocity alone does not say where a contact slides to, nor whether it does. A contact
+    that sticks is CLOSER times as stiff as in `disc_law`, from P.
+    """
+    if radius <= 0.0 or disc.stiffness <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mu_x, mu_y, r = disc.mu_x, disc.mu_y, EFFECTIVE_MASS * disc.stiffness
+    most = CLOSER * disc.stiffness
+    x = disc.over_x * P_x - r * mu_x * gamma_x
+    y = disc.over_y * P_y - r * mu_y * gamma_y
+    length = math.sqrt(x * x + y * y)
+    if length <= radius:
+        S_xx, S_yy = most * mu_x * mu_x, most * mu_y * mu_y
+        return P_x - S_xx * gamma_x, P_y - S_yy * gamma_y, S_xx, 0.0, S_yy, 0.0, 0.0
+    x, y = x / length, y / length
+    S = r * radius / (length - radius)
+    S = S if S < most else most
+    d_x, d_y = mu_x * x, mu_y * y
+    S_xx, S_xy, S_yy = S * (mu_x * y) ** 2, -S * d_x * d_y, S * (mu_y * x) ** 2
+    P_x = radius * d_x - S_xx * gamma_x - S_xy * gamma_y
+    P_y = radius * d_y - S_xy * gamma_x - S_yy * gamma_y
+    return P_x, P_y, S_xx, S_xy, S_yy, d_x, d_y
 
 
 @inlined
@@ -489,7 +527,7 @@ def reduce_laws(laws: Laws, closed: Array, contacts: Contacts, reduced: Reduced)
             for k in range(4):
                 reduced.follow[count, k] = 0.0
             count += 1
-        if radius == FREE:
+        if radius < 0.0:
             radius = P_N
         else:
             normal = -1

@@ -13,7 +13,9 @@ laws are iterated for, and `laws.natural_map` judges them.
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
-The radii follow [1]_.
+The radii follow [1]_. Where they cycle for long, a continuation leads to the solution, see
+`continuation`; if it ends on its way, they are held again. There is none where contacts may be
+condensed.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
 residual of the laws is a velocity. Contacts that share a load in several ways answer to a velocity
@@ -33,7 +35,20 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
-from snake_sim_ros.contact.contacts import Contacts, FREE
+from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
+from snake_sim_ros.contact.continuation import (
+    begin_stage,
+    CLOSE_ITERATIONS,
+    end_continuation,
+    end_stage,
+    ENDED,
+    first_stage,
+    keep_centers,
+    laws_of_stage,
+    next_stage,
+    PREDICTED,
+    ROUGH,
+)
 from snake_sim_ros.contact.delassus import condense, condensed_twists, Delassus, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
@@ -81,6 +96,7 @@ SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
+PATIENCE = 300  # iterations after which other ways lead to the solution; see `continuation`
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
 # Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the
@@ -381,19 +397,26 @@ def refines(
     return residual, correction, not corrections_end(correction, before, wrong)
 
 
+class Round(NamedTuple):
+    """What some iterations are for."""
+
+    kind: int  # COUPLED, CLOSER or HELD
+    tolerance: float  # residual at which they end [m/s]
+    steps: int  # most iterations, unless the residual falls
+    searches: bool  # whether the line is searched from the first iteration on
+
+
+COUPLED, CLOSER, HELD = range(3)  # kinds of rounds: radii follow; likewise, `close_law`; are held
+
+
 @inlined
 def iterate_laws(
-    problem: Problem,
-    tolerance: float,
-    limit: int,
-    operator: Operator | None,
-    rounds: int,
-    held: bool,
+    problem: Problem, limit: int, operator: Operator | None, round: Round
 ) -> tuple[int, float, float, bool]:
     """
     Iterate with disc radii that are held, which is a convex problem, or that follow the loads.
 
-    One function does both, because `linear_step` is compiled wherever it is called.
+    One function does all rounds, because `linear_step` is compiled wherever it is called.
 
     Returns
     -------
@@ -406,14 +429,16 @@ def iterate_laws(
 
     """
     laws, closed, contacts = problem.laws, problem.closed, problem.contacts
+    tolerance, steps, held = round.tolerance, round.steps, round.kind == HELD
+    closer, rough = round.kind == CLOSER, round.tolerance > laws.residual_tolerance
     for a in closed:
         contacts.newton.disc_radius[a] = contacts.newton.held_radius[a] if held else FREE
+        if closer:
+            contacts.newton.disc_radius[a] = CLOSE
     residual = printed = math.inf
     exact = goes_on = False
     best = last = math.inf
-    iterations, steps = 0, COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
-    if held:
-        steps = HELD_ITERATIONS
+    iterations = 0
     while iterations < min(steps, limit):
         iterations += 1
         before = residual
@@ -424,13 +449,16 @@ def iterate_laws(
         if not held:
             residual, printed = natural_map(laws, closed, contacts, tolerance)
             goes_on = False
-            if residual <= tolerance and exact:
-                best, last, goes_on = refines(laws, closed, contacts, residual, best, last)
+            if residual <= tolerance and (exact or rough):
+                if not rough:
+                    best, last, goes_on = refines(laws, closed, contacts, residual, best, last)
                 if not goes_on:
+                    if closer:
+                        move_trial(closed, contacts, 1.0)
                     break
         fraction = 1.0
         is_far = residual > FAR_RESIDUAL * tolerance
-        if held or (is_far and (rounds > 0 or iterations > 1)):
+        if held or (is_far and (round.searches or iterations > 1) and not closer):
             fraction = line_search(laws, closed, contacts)
         if fraction == 0.0 and not held:
             break
@@ -449,7 +477,9 @@ def iterate_laws(
 
 
 @inlined
-def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
+def iterate(
+    problem: Problem, limit: int, operator: Operator | None, history: ContactHistory
+) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -459,6 +489,8 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
     limit : int
         Largest number of iterations.
     operator : Operator or None
+    history : ContactHistory
+        That of the last step.
 
     Returns
     -------
@@ -466,19 +498,29 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         Its `fell_back` is true if the radii were held for a while.
 
     """
-    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
+    laws, closed, contacts, chain, pairs = problem
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
     relaxation, before = 1.0, 0.0
     swept = attempts_with_sweeps(operator)
     rounds = -swept
+    stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
     while iterations < limit:
-        inner, most = tolerance, limit - iterations
-        if held:
+        steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
+        round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
+        now = laws
+        if continues:
+            now = laws_of_stage(laws, stage)
+            begin_stage(problem, history, stage)
+            is_last = stage.compliance == laws.compliance
+            inner = tolerance if is_last else ROUGH * tolerance
+            round = Round(CLOSER, inner, CLOSE_ITERATIONS, False)
+            most -= HELD_ITERATIONS
+        elif held:
             begin_held(rounds, closed, contacts)
             anchor_at_iterate(laws, closed, contacts)
-            inner = held_tolerance(rounds, tolerance)
+            round = Round(HELD, held_tolerance(rounds, tolerance), HELD_ITERATIONS, True)
             fell_back = True
         elif rounds > 0:
             most -= HELD_ITERATIONS  # leave enough for a round with held radii
@@ -488,9 +530,22 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)
         spent, residual, printed, exact = iterate_laws(
-            problem, inner, most, operator, rounds, held
+            Problem(now, closed, contacts, chain, pairs), most, operator, round
         )
         iterations += spent
+        if continues:
+            converged = residual <= round.tolerance
+            done = converged and exact and stage.compliance == laws.compliance
+            if done:
+                break
+            if converged:
+                end_stage(closed, contacts)
+            stage = next_stage(laws, stage, converged)
+            continues = stage.path < ENDED and iterations + HELD_ITERATIONS < limit
+            if not continues:
+                end_continuation(closed, contacts)
+                held = True
+            continue
         done = residual <= tolerance and exact
         if done and held and not refined:
             refined = True  # once, with radii that follow
@@ -506,6 +561,9 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
         if held or rounds < 0:
             held = False
             rounds += 1
+        elif may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
+            continues, may_continue = True, False
+            keep_centers(closed, contacts)
         else:
             held = True
     return Outcome(iterations, done, residual, printed, fell_back)
@@ -651,7 +709,7 @@ def solve_prepared(
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
     laws, closed, contacts, chain, _ = problem
     predict(laws, closed, contacts, history)
-    outcome = iterate(problem, limit, operator)
+    outcome = iterate(problem, limit, operator, history)
     fill_twists(laws, closed, contacts, chain, operator)
     outcome = without_gain(problem, outcome)
     remember(closed, contacts, history)

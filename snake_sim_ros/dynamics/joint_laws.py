@@ -38,8 +38,9 @@ SAME_RATE = 1e-12  # rates that differ by less are the same [rad/s]
 # An axis that is at a stop does not meet it again because moves that close gaps took it away by
 # rounding.
 MEETING_RATE = 1e-9  # least rate with which an axis meets a stop [rad/s]
-MOST_CHANGES = 60  # solutions of a step after which it counts as unconverged
-# So many times all axes go to other parts of their laws at once; then one at a time, the first.
+MOST_CHANGES = 300  # solutions of a step after which it counts as unconverged
+# So many times all axes go to other parts of their laws at once; then one at a time, the first one
+# from another joint each time. If all began at the same joint, more steps would cycle.
 TOGETHER = 12
 
 
@@ -372,7 +373,8 @@ def joint_laws_change(
     misses = moves = False
     (torque, damping), (iterations, converged, attempt, left) = loads, trial
     is_last = attempt + 1 == MOST_CHANGES or iterations >= left
-    for j in range(len(torque)):
+    for i in range(len(torque)):
+        j = (i + max(0, attempt - TOGETHER)) % len(torque)
         for k in range(torque.shape[1]):
             impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
             cut, slip, held = axes.cut[j, k], axes.slip[j, k], axes.held[j, k]

@@ -37,7 +37,13 @@ from snake_sim_ros.contact.laws import (
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import Operator
-from snake_sim_ros.contact.newton import is_negligible, iterate_laws
+from snake_sim_ros.contact.newton import (
+    COUPLED,
+    COUPLED_ITERATIONS,
+    is_negligible,
+    iterate_laws,
+    Round,
+)
 from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import forget_others, project_normal, set_impulse, Sweep
@@ -146,9 +152,8 @@ def solve_with_sweeps(
         if ends or sweeps == SWEEPS:
             begin_at_impulses(laws, closed, contacts)
             most = min(NEWTON_ITERATIONS, limit - iterations)
-            spent, new, new_printed, exact = iterate_laws(
-                problem, tolerance, most, operator, 0, False
-            )
+            once = Round(COUPLED, tolerance, COUPLED_ITERATIONS, False)
+            spent, new, new_printed, exact = iterate_laws(problem, most, operator, once)
             iterations, sweeps = iterations + spent, 0
             if new <= tolerance and exact:
                 residual, printed, converged = new, new_printed, True

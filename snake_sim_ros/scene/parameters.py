@@ -418,6 +418,10 @@ class Robot(CheckedRecord):
 
     def __post_init__(self) -> None:
         """Check every field, the lengths of lists, and that a cylinder has an inertia."""
+        if isinstance(self.links, int):
+            raise ParameterError(
+                f'links must be the links one by one, got {self.links}: their number is link_count'
+            )
         super().__post_init__()
         if self.links or self.joints:
             self._check_chain()

@@ -101,6 +101,7 @@ def test_signs_of_lengths_masses_and_gains_are_checked():
     assert 'must be at least 0' in refusal(Friction, transversal=-0.1)
     assert 'must be at most 0.1 s' in refusal(Scene, dt=0.2)
     assert 'must be at most 200' in refusal(Robot, link_count=201)
+    assert 'got 6: their number is link_count' in refusal(Robot, links=6)
 
 
 @pytest.mark.parametrize(('record', 'item'), fields_of(str))

@@ -1012,9 +1012,12 @@ def with_settings(scene: Scene, settings: Mapping[str, Any]) -> Scene:
 
 
 def _parameters_in(settings: Mapping[str, Any], named: NamedGait) -> dict[str, Any]:
-    """Return those settings that are parameters of a named gait."""
+    """Return those settings that are parameters of a named gait, none if all are of any gait."""
     known = {f'gait.{name}' for name in values_of(named)}
-    return {name: settings[name] for name in settings if name.removesuffix('_deg') in known}
+    own = {name: settings[name] for name in settings if name.removesuffix('_deg') in known}
+    of_gait = [name for name in settings if name.startswith('gait.')]
+    is_waves = own.keys() <= {'gait.soft_start'} and len(of_gait) > len(own)
+    return {} if is_waves else own
 
 
 def named_values(scene: Scene) -> dict[str, tuple[Any, Mapping[str, Any]]]:

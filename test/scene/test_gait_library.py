@@ -28,6 +28,7 @@ from snake_sim_ros import (
 )
 from snake_sim_ros.gaits.blending import Blend, check_limits, shortest_blend
 from snake_sim_ros.scene import gait
+from snake_sim_ros.scene.checked_records import flat_fields
 from snake_sim_ros.scene.gait_library import GAITS, named_gait
 from snake_sim_ros.scene.parameters import scene_from_text, scene_to_text, with_settings
 
@@ -249,3 +250,10 @@ def test_a_study_varies_parameters_of_a_named_gait():
     ]
     assert table['distance'].to_list() == pytest.approx(single, rel=1e-9)
     assert single[0] != single[1]
+
+
+def test_all_values_of_a_named_gait_as_a_node_has_them_are_its_waves():
+    scene = load_scene('rolling')
+    values = flat_fields(scene.gait, 'gait.').items()
+    given = {name: value for name, (value, _) in values if '.table.' not in name}
+    assert with_settings(scene, given).gait == scene.gait

@@ -274,13 +274,13 @@ def number_in(values: dict[str, Any], name: str) -> float | None:
 
 
 def gaits() -> dict[str, Any]:
-    """Return name -> gait of the scenes in the package, each different gait once."""
+    """Return name -> gait of the scenes without a world, each different gait once."""
     found: dict[str, Any] = {}
     for path in sorted(CONFIG.glob('*.yaml')):
         try:
-            gait = load_scene(path).gait
+            scene = load_scene(path)
         except ParameterError:  # The file describes a robot, not a scene.
             continue
-        if gait.yaw.amplitude and gait not in found.values():
-            found[path.stem] = gait
+        if scene.gait.yaw.amplitude and not scene.world and scene.gait not in found.values():
+            found[path.stem] = scene.gait
     return found

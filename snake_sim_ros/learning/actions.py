@@ -10,7 +10,6 @@ would throw the robot. Its numbers are in physical units here; the environment h
 
 from collections.abc import Callable
 import math
-from typing import Protocol
 
 import numpy as np
 
@@ -34,7 +33,7 @@ YAW = (
 PITCH = (('pitch amplitude [rad]', 0.0, 0.4, 0.2), ('pitch phase [rad]', -math.pi, math.pi, 2.0))
 
 
-class Actions(Protocol):
+class Actions:
     """
     A kind of action.
 
@@ -52,29 +51,27 @@ class Actions(Protocol):
     labels: tuple[str, ...]
     low: Array
     high: Array
-    state_labels: tuple[str, ...]
+    state_labels: tuple[str, ...] = ()
 
     def start(self, scene: Scene) -> None:
         """Begin an episode."""
-        ...
+        raise NotImplementedError
 
     def reference(self, action: Array, begin: float, period: float) -> Reference:
         """Take an action at a time [s]; return the joint references of the period after it."""
-        ...
+        raise NotImplementedError
 
     def state(self) -> Array:
         """Return what an agent cannot measure, but needs to know, of these actions."""
-        ...
+        return np.zeros(0)
 
     def efforts(self, action: Array) -> Array | None:
         """Return the torques (n-1, 2) that act for the period [N m]; None: those of references."""
-        ...
+        return None
 
 
-class Angles:
+class Angles(Actions):
     """Angles of the joint axes, to which the references go straight."""
-
-    state_labels: tuple[str, ...] = ()
 
     def __init__(self, scene: Scene, places: Array) -> None:
         self.places, self.signs = places, scene.robot.place_signs[places]
@@ -98,19 +95,11 @@ class Angles:
         self.last = first + period * rate
         return going_on(begin, first.reshape(-1, 2), rate.reshape(-1, 2))
 
-    def state(self) -> Array:
-        """Return nothing."""
-        return np.zeros(0)
-
-    def efforts(self, action: Array) -> Array | None:
-        """Return None."""
-        return None
-
 
 class Residuals(Angles):
     """Angles that are added to those of the gait of the scene."""
 
-    state_labels: tuple[str, ...] = ('sine of the gait', 'cosine of the gait')
+    state_labels = ('sine of the gait', 'cosine of the gait')
 
     def __init__(self, scene: Scene, places: Array) -> None:
         super().__init__(scene, places)
@@ -138,7 +127,7 @@ class Residuals(Angles):
         return np.array([math.sin(phase), math.cos(phase)])
 
 
-class GaitParameters:
+class GaitParameters(Actions):
     """
     Parameters of the serpenoid curve, eqs. (70), (71), which change at limited rates.
 
@@ -154,7 +143,7 @@ class GaitParameters:
         self.labels = tuple(item[0] for item in items)
         self.low, self.high, self.rate = np.array([item[1:] for item in items]).T
         shares = (f'share of the {label.partition(" [")[0]}' for label in self.labels)
-        self.state_labels: tuple[str, ...] = ('sine of the phase', 'cosine of the phase', *shares)
+        self.state_labels = ('sine of the phase', 'cosine of the phase', *shares)
 
     def start(self, scene: Scene) -> None:
         """Begin with the gait of the scene, straight where that fades in."""
@@ -193,10 +182,6 @@ class GaitParameters:
         """Return the phase of the first yaw joint, and where parameters are in their ranges."""
         share = (2.0 * self.last - self.high - self.low) / (self.high - self.low)
         return np.array([math.sin(self.phase), math.cos(self.phase), *share])
-
-    def efforts(self, action: Array) -> Array | None:
-        """Return None."""
-        return None
 
 
 class Torques(Angles):

@@ -19,7 +19,7 @@ import numpy as np
 from snake_sim_ros.controllers.controller import Measured
 from snake_sim_ros.learning.actions import KINDS
 from snake_sim_ros.learning.tasks import Motion, TASKS
-from snake_sim_ros.scene.checked_records import nearest, ParameterError
+from snake_sim_ros.scene.checked_records import nearest, ParameterError, scaled
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in, with_settings
 from snake_sim_ros.stepping.controlled import command_effort
 from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
@@ -33,7 +33,7 @@ from snake_sim_ros.stepping.sampling import (
 from snake_sim_ros.stepping.simulation import Simulation
 
 # What sensors measure at most; beyond, they saturate.
-ANGLE, RATE, TORQUE = math.pi, 20.0, 50.0  # of a joint [rad], [rad/s], [N m]
+ANGLE, RATE = math.pi, 20.0  # of a joint [rad], [rad/s]
 GYROSCOPE, ACCELEROMETER = math.radians(2000), 16 * 9.81  # [rad/s], [m/s^2]
 FORCE = 100.0  # of a link [N]
 COEFFICIENTS = 'longitudinal', 'transversal', 'backward'
@@ -92,11 +92,6 @@ class Randomization:
         if self.command_delay != (0.0, 0.0):
             values['robot.command_delay'] = scene.dt * round(delay / scene.dt)
         return with_settings(scene, values) if values else scene
-
-
-def scaled(value: Any, factor: float) -> Any:
-    """Return a number, or one for each joint, times a factor."""
-    return tuple(factor * each for each in value) if isinstance(value, tuple) else factor * value
 
 
 class SnakeEnv(gymnasium.Env[Array, Array]):
@@ -186,7 +181,8 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         self.acting = np.flatnonzero((robot.axis_places % 2 == 0) | (axes == 'all'))
         if not len(self.acting):
             raise ParameterError('the robot has no yaw axes: axes must be all, got yaw')
-        self.task, self.actions = TASKS[task](), KINDS[action](self.base, self._places())
+        self.task = TASKS[task]()
+        self.actions = KINDS[action](self.base, robot.axis_places[self.acting])
         low, high = self.actions.low, self.actions.high
         self.action_space = Box(-1.0, 1.0, low.shape, np.float64)
         self.action_labels = tuple(
@@ -198,10 +194,6 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         bound = np.array([bound for _, bound in bounds])
         self.observation_space = Box(-bound, bound, dtype=np.float64)
         self._simulation: Simulation | None = None
-
-    def _places(self) -> Array:
-        """Return the places of the axes that act among (yaw, pitch) of all joints."""
-        return self.base.robot.axis_places[self.acting]
 
     def _observed(self) -> list[tuple[str, float]]:
         """Return label and bound of every number of an observation."""
@@ -302,13 +294,17 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         angle, rate = (robot.by_axis(each[0]) for each in motion)
         if noise := self.randomization.joint_noise:
             angle = angle + self.np_random.normal(0.0, noise, len(angle))
-        head, gravity = slice(0, 1), simulation.scene.gravity
+        scene, head, wrench = simulation.scene, slice(0, 1), None
+        if self.contacts:
+            wrench = contact_wrenches(scene, state, simulation.history)
         measured = Measured(
             angle,
             rate,
             simulation.joint_torque,
-            contact_wrench=contact_wrenches(simulation) if self.contacts else None,
-            imu=imu_readings(gravity, state.q[head], state.u[head], self._before, self.period),
+            contact_wrench=wrench,
+            imu=imu_readings(
+                scene.gravity, state.q[head], state.u[head], self._before, self.period
+            ),
         )
         self._before = state.u[head, :3].copy()
         return measured

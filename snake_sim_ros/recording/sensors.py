@@ -428,8 +428,9 @@ class SensorReader:
 
     def wrenches(self) -> Array:
         """Return the wrenches of the contacts, (links, 6), as `wrenches_on_links`."""
-        row = self._row_at(self._steps_in_sample)
-        found: Array = contact_wrenches(self._simulation)[self.contact_links]
+        simulation, row = self._simulation, self._row_at(self._steps_in_sample)
+        now = simulation.state, simulation.history
+        found: Array = contact_wrenches(simulation.scene, *now)[self.contact_links]
         for wrench, noise in zip(found, self._contacts, strict=True):
             wrench[:] = noise.added(wrench, row)
         return found

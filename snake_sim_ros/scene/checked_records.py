@@ -416,6 +416,19 @@ def values_of(record: Any) -> dict[str, Any]:
     return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
+def check_components(name: str, value: tuple[float, ...], count: int) -> None:
+    """Raise an error if a point or vector has not `count` components."""
+    if len(value) != count:
+        raise ParameterError(f'{name} must have {count} components, got {len(value)}')
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """Return a number of a record, or all numbers of a list in it, times a factor."""
+    if isinstance(value, tuple):
+        return tuple(scaled(entry, factor) for entry in value)
+    return value * factor
+
+
 def nearest(name: Any, names: Any) -> str:
     """Return a hint for an unknown name: the nearest known one, or all of them."""
     text = cut(name if isinstance(name, str) else quoted(name))

@@ -37,6 +37,7 @@ from snake_sim_ros.scene.chain import (
     PerAxis,
 )
 from snake_sim_ros.scene.checked_records import (
+    check_components,
     CheckedRecord,
     cut,
     flat_fields,
@@ -313,8 +314,7 @@ class Push(CheckedRecord):
         """Check every field, and that it pushes."""
         super().__post_init__()
         for name, vector in (('force', self.force), ('torque', self.torque)):
-            if len(vector) != 3:
-                raise ParameterError(f'{name} must have 3 components, got {len(vector)}')
+            check_components(name, vector, 3)
         if not any(self.force + self.torque):
             raise ParameterError('a push must have a force or a torque that is not 0')
 
@@ -817,8 +817,7 @@ class Scene(CheckedRecord):
         for push in self.pushes:
             if push.link and push.link > joints + 1:
                 raise ParameterError(f'link of a push must be 1 to {joints + 1}, got {push.link}')
-        if len(self.gravity) != 3:
-            raise ParameterError(f'gravity must have 3 components, got {len(self.gravity)}')
+        check_components('gravity', self.gravity, 3)
         if self.world and self.ground.heights:
             raise ParameterError(
                 'ground.heights must be empty in a scene with a world; world.boxes and '

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.scene.chain import Array
+from snake_sim_ros.scene.chain import Array, roll_pitch_yaw
 from snake_sim_ros.scene.checked_records import (
+    check_components,
     CheckedRecord,
     cut,
     LONGEST_PATH,
@@ -39,12 +40,6 @@ def _grip() -> Any:
     return quantity(1.0, '1', 'factor of the friction of the floor', minimum=0, maximum=1e6)
 
 
-def _refuse_other_than(name: str, value: Numbers, count: int) -> None:
-    """Raise an error if a point or vector has not `count` components."""
-    if len(value) != count:
-        raise ParameterError(f'{name} must have {count} components, got {len(value)}')
-
-
 @dataclass(frozen=True, kw_only=True)
 class Box(CheckedRecord):
     """A box in any orientation."""
@@ -58,7 +53,7 @@ class Box(CheckedRecord):
         """Check every field."""
         super().__post_init__()
         for name in ('center', 'size', 'rpy'):
-            _refuse_other_than(name, getattr(self, name), 3)
+            check_components(name, getattr(self, name), 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +94,8 @@ class Pipe(CheckedRecord):
 
 def _check_axis(start: Numbers, end: Numbers) -> None:
     """Raise an error if the ends of an axis are no points or not apart."""
-    _refuse_other_than('start', start, 3)
-    _refuse_other_than('end', end, 3)
+    check_components('start', start, 3)
+    check_components('end', end, 3)
     if math.dist(start, end) < THINNEST:
         raise ParameterError(
             f'start and end must be at least {THINNEST:g} m apart, got {math.dist(start, end):g} m'
@@ -123,7 +118,7 @@ class Stairs(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
-        _refuse_other_than('start', self.start, 3)
+        check_components('start', self.start, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +135,7 @@ class Ramp(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
-        _refuse_other_than('start', self.start, 3)
+        check_components('start', self.start, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +159,7 @@ class HeightField(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field, and that heights are a grid of four points at least."""
         super().__post_init__()
-        _refuse_other_than('origin', self.origin, 2)
+        check_components('origin', self.origin, 2)
         if self.heights and self.file:
             raise ParameterError('heights and file cannot both be given')
         lengths = sorted({len(row) for row in self.heights})
@@ -217,8 +212,8 @@ class EggCrate(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
-        _refuse_other_than('center', self.center, 2)
-        _refuse_other_than('size', self.size, 2)
+        check_components('center', self.center, 2)
+        check_components('size', self.size, 2)
         points = (self.size[0] / self.cell + 1) * (self.size[1] / self.cell + 1)
         if points > MOST_POINTS:
             raise ParameterError(
@@ -264,8 +259,8 @@ class Mesh(CheckedRecord):
     def __post_init__(self) -> None:
         """Check every field."""
         super().__post_init__()
-        _refuse_other_than('position', self.position, 3)
-        _refuse_other_than('rpy', self.rpy, 3)
+        check_components('position', self.position, 3)
+        check_components('rpy', self.rpy, 3)
         if not self.file:
             raise ParameterError('file must be that of a mesh, got none')
 
@@ -326,7 +321,7 @@ def solids_of(world: World) -> Solids:
 
     """
     boxes = [
-        (np.array(box.center), np.array(box.size) / 2, rotation(box.rpy).T, box.grip)
+        (np.array(box.center), np.array(box.size) / 2, roll_pitch_yaw(box.rpy).T, box.grip)
         for box in world.boxes
     ]
     for stairs in world.stairs:
@@ -354,18 +349,9 @@ def solids_of(world: World) -> Solids:
     )
 
 
-def rotation(rpy: Numbers) -> Array:
-    """Return the rotation matrix (3, 3) of roll, pitch and yaw [rad]."""
-    (ca, cb, cc), (sa, sb, sc) = np.cos(rpy), np.sin(rpy)
-    roll = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
-    pitch = np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
-    yaw = np.array([[cc, -sc, 0.0], [sc, cc, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(yaw @ pitch @ roll)
-
-
 def _steps(stairs: Stairs) -> list[tuple[Array, Array, Array, float]]:
     """Return the boxes of stairs, one a step."""
-    R, steps = rotation((0.0, 0.0, stairs.heading)), []
+    R, steps = roll_pitch_yaw((0.0, 0.0, stairs.heading)), []
     for k in range(stairs.count):
         depth = stairs.run + (stairs.landing if k == stairs.count - 1 else 0.0)
         top = (k + 1) * stairs.rise
@@ -384,7 +370,7 @@ def _wedge(ramp: Ramp) -> Triangles:
         (0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6), (3, 2, 6), (3, 6, 7), (1, 5, 6), (1, 6, 2),
         (0, 3, 7), (0, 7, 4), (0, 4, 5), (0, 5, 1),
     ])  # fmt: skip
-    R = rotation((0.0, 0.0, ramp.heading))
+    R = roll_pitch_yaw((0.0, 0.0, ramp.heading))
     return Triangles(corners @ R.T + ramp.start, faces, ramp.grip)
 
 
@@ -435,7 +421,7 @@ def _mesh(mesh: Mesh) -> Triangles:
         inside_out = read.is_watertight and read.volume < 0.0
     except Exception as error:  # whatever readers of a dozen formats raise for broken files
         raise ParameterError(f'{name}: {cut(str(error), LONGEST_REASON)}') from None
-    vertices = np.asarray(mesh.scale * vertices @ rotation(mesh.rpy).T + mesh.position)
+    vertices = np.asarray(mesh.scale * vertices @ roll_pitch_yaw(mesh.rpy).T + mesh.position)
     if inside_out:
         faces = faces[:, ::-1]
     a, b, c = (vertices[faces[:, k]] for k in range(3))

@@ -53,11 +53,13 @@ def contact_forces(scene: Scene, state: State, history: History) -> tuple[Array,
 
     """
     check_state(scene.robot.link_count, contact_count(scene), state, history)
+    return last_forces(scene, state, history)[2:]
+
+
+def last_forces(scene: Scene, state: State, history: History) -> tuple[Array, Array, Array, Array]:
+    """Return what `sampled_forces` does, for the last step alone."""
     span = np.array([last_span(scene, history)])
-    _, _, points, forces = sampled_forces(
-        scene, state.q[None], state.u[None], history.impulse[None], span
-    )
-    return points, forces
+    return sampled_forces(scene, state.q[None], state.u[None], history.impulse[None], span)
 
 
 def sampled_forces(

@@ -8,17 +8,14 @@ y to the left and z up when the link lies flat. `recording.sensors` adds rates, 
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from snake_sim_ros.scene.obstacles import contact_links
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import B_TO_WIRE, product, rotation_matrices, WIRE_AXES
-from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
-
-if TYPE_CHECKING:
-    from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.contact_forces import last_forces
+from snake_sim_ros.stepping.state import History, State
 
 ORIENTATION, ANGULAR_VELOCITY, ACCELERATION = slice(0, 4), slice(4, 7), slice(7, 10)
 
@@ -110,10 +107,7 @@ def wrenches_on_links(
     return found.reshape(m, n, 6)
 
 
-def contact_wrenches(simulation: 'Simulation') -> Array:
-    """Return the wrenches of the contacts of all links, (n, 6), as `wrenches_on_links`."""
-    scene, state, history = simulation.scene, simulation.state, simulation.history
-    span, q = np.array([last_span(scene, history)]), state.q[None]
-    contacts = sampled_forces(scene, q, state.u[None], history.impulse[None], span)
-    found: Array = wrenches_on_links(scene, q, *contacts)[0]
+def contact_wrenches(scene: Scene, state: State, history: History) -> Array:
+    """Return the wrenches of the contacts of all links in the last step, (n, 6)."""
+    found: Array = wrenches_on_links(scene, state.q[None], *last_forces(scene, state, history))[0]
     return found

@@ -203,7 +203,9 @@ def command_of(controller: Controller, scene: Scene) -> Command:
         if sees(controller, 'poses'):
             measured = replace(measured, position=state.q[:, :3], orientation=state.q[:, 3:])
         if sees(controller, 'contacts'):
-            measured = replace(measured, contact_wrench=contact_wrenches(simulation))
+            measured = replace(
+                measured, contact_wrench=contact_wrenches(scene, state, simulation.history)
+            )
         if sees(controller, 'imus'):
             before = state.u[:, :3] if before is None else before
             read = imu_readings(scene.gravity, state.q, state.u, before, controller.period)

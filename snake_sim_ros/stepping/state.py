@@ -46,6 +46,7 @@ def initial_state(scene: Scene) -> State:
     """Return the robot at rest in the initial posture of the scene, beside all solids."""
     q = initial_coordinates(scene)
     if scene.world:
+        # As low as the solids let it, and from there as high as the start says.
         q[:, 2] -= scene.start.height
         q[:, 2] += scene.start.height + lift_out_of_world(scene, q)
     return State(q, np.zeros((scene.robot.link_count, 6)))

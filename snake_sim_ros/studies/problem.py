@@ -22,6 +22,7 @@ from snake_sim_ros.scene.checked_records import (
     ParameterError,
     quantity,
     quoted,
+    scaled,
 )
 from snake_sim_ros.scene.parameters import Array, named_values, Scene, with_settings
 from snake_sim_ros.studies.expressions import constraint_of, Expression, expression_of
@@ -90,14 +91,8 @@ class Robust:
         found, flat = dict(values), named_values(with_settings(scene, values))
         for name, factor in factors.items():
             key = keys.get(name, name)
-            found[key] = _scaled(values[key] if key in values else flat[name][0], factor)
+            found[key] = scaled(values[key] if key in values else flat[name][0], factor)
         return found
-
-
-def _scaled(value: Any, factor: float) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_scaled(entry, factor) for entry in value)
-    return value * factor
 
 
 def robust_of(given: Any, scene: Scene) -> Robust:

@@ -12,6 +12,7 @@ import pytest
 from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Start
 from snake_sim_ros.contact.placing import depth_of_robot, surroundings_of, world_geometry
 from snake_sim_ros.contact.surroundings import NEARBY
+from snake_sim_ros.scene.chain import roll_pitch_yaw
 from snake_sim_ros.scene.obstacles import contact_count, first_peg, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import (
     load_scene,
@@ -29,7 +30,6 @@ from snake_sim_ros.scene.world import (
     Pipe,
     Pole,
     Ramp,
-    rotation,
     solids_of,
     Stairs,
     World,
@@ -96,7 +96,7 @@ def motion(world, q, u, method, steps, robot=BALL, **settings):
 
 def from_box(box, point):
     """Return the distance of a point outside from a box [m]."""
-    local = rotation(box.rpy).T @ (point - box.center)
+    local = roll_pitch_yaw(box.rpy).T @ (point - box.center)
     return np.linalg.norm(np.maximum(np.abs(local) - np.array(box.size) / 2, 0.0))
 
 
@@ -137,7 +137,7 @@ def test_a_sphere_is_as_deep_as_the_nearest_solid_is_near(seed):
     while count < 40:
         point = rng.uniform(0.0, 0.6, 3)
         low = math.floor(point[0] / 0.1), math.floor(point[1] / 0.1)
-        local = rotation(box.rpy).T @ (point - box.center)
+        local = roll_pitch_yaw(box.rpy).T @ (point - box.center)
         inside = (np.abs(local) < np.array(box.size) / 2).all()
         if inside or point[2] < 0.16 or max(low) > 5:
             continue
@@ -287,7 +287,7 @@ def test_a_capsule_in_a_groove_has_both_ends_on_both_sides():
 
 def test_a_capsule_meets_edges_corners_and_poles_between_its_ends():
     corner = World(boxes=(Box(center=(0.0, 0.0, 0.0), size=(0.2, 0.2, 0.2), rpy=(0.9, 0.6, 0)),))
-    axes = rotation((0.9, 0.6, 0.0))
+    axes = roll_pitch_yaw((0.9, 0.6, 0.0))
     tips = [axes @ (0.1 * (2.0 * np.array(s) - 1.0)) for s in np.ndindex(2, 2, 2)]
     tip = max(tips, key=lambda p: p[2])
     gap, normal = touching(corner, tip + RADIUS * np.eye(3)[2], (0.8, 0.6, 0.0), ROD)

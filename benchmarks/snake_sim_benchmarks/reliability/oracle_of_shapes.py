@@ -25,9 +25,10 @@ from snake_sim_ros.contact.surroundings import (
     Surroundings,
 )
 from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene.chain import roll_pitch_yaw
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.world import Box, Pole, Ramp, rotation, solids_of, World
+from snake_sim_ros.scene.world import Box, Pole, Ramp, solids_of, World
 
 SPACING = 100.0  # between solids, each of which is met alone [m]
 OF_EACH = 50  # pairs of each solid
@@ -98,7 +99,7 @@ def placed(shape: Any, where: Any, turn: Array, world: World, k: int) -> tuple[A
             faces.append(coal.Triangle(*face))
         convex = coal.Convex(corners, faces)
         return convex, coal.Transform3s.Identity()
-    R = frame_along(turn) if isinstance(shape, coal.Capsule) else rotation(tuple(turn))
+    R = frame_along(turn) if isinstance(shape, coal.Capsule) else roll_pitch_yaw(tuple(turn))
     return shape, coal.Transform3s(R, np.array(where))
 
 

@@ -28,7 +28,7 @@ def main() -> None:
     arguments = parser.parse_args()
     simulation = Simulation('lateral_undulation')
     first, joint = heading(simulation), np.arange(10)
-    wanted, told = first + math.radians(arguments.turn), 0.0
+    wanted, printed = first + math.radians(arguments.turn), 0.0
     while simulation.time < arguments.duration:
         error = math.remainder(wanted - heading(simulation), math.tau)
         t = simulation.midpoints(PERIOD)[:, None]
@@ -39,10 +39,10 @@ def main() -> None:
         report = simulation.advance(angle, rate)
         if report.failure:
             raise SystemExit(report.failure)
-        if simulation.time >= told + 1.0:
-            told += 1.0
+        if simulation.time >= printed + 1.0:
+            printed += 1.0
             turned = math.degrees(math.remainder(heading(simulation) - first, math.tau))
-            print(f't = {told:.0f} s: turned by {turned:.1f} degrees')
+            print(f't = {printed:.0f} s: turned by {turned:.1f} degrees')
 
 
 if __name__ == '__main__':

@@ -116,7 +116,7 @@ def main():
     figure = Figure(layout='constrained')
     axes = figure.subplots()
     axes.plot(times, turned, '.-', label=options.joint)
-    axes.axhline(options.angle, color='gray', label='told')
+    axes.axhline(options.angle, color='gray', label='commanded')
     axes.set(xlabel='time [s]', ylabel='turned [degrees]')
     axes.legend()
     figure.savefig('step_response.png')

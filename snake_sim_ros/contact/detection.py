@@ -31,6 +31,7 @@ from snake_sim_ros.contact.surroundings import (
     find_places_of_sphere,
     first_of_capsule,
     first_of_sphere,
+    has_any,
     is_asked,
     make_surroundings,
     NEARBY,
@@ -39,7 +40,7 @@ from snake_sim_ros.contact.surroundings import (
     remember_what,
     Surroundings,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import compiled, inlined, linked
 from snake_sim_ros.dynamics.kinematics import (
     carried_in,
     carried_part,
@@ -150,7 +151,7 @@ class Obstacles(NamedTuple):
     pair_count: int  # number of such contacts
     pairs: Array  # (pair_count, 2) the spheres that touch in each of them
     patches: Patches  # of friction on the ground
-    world: Surroundings | None  # its solids; an argument of functions, which leave out None
+    world: Surroundings  # its solids
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
@@ -261,7 +262,7 @@ def find_floor_contacts(tolerance: float, pose: Pose, found: Found) -> int:
     return count
 
 
-@inlined
+@linked
 def find_obstacle_contacts(
     obstacles: Obstacles, tolerance: float, pose: Pose, found: Found
 ) -> int:
@@ -275,14 +276,16 @@ def find_obstacle_contacts(
     assert frame is not None
     geometry, count, next_capsule = contacts.geometry, 0, 0
     search = Search(obstacles.patches, tolerance, pose, found)
-    cells = CELLS if len(obstacles.heights) > 0 else 1
+    cells, has_solids = CELLS if len(obstacles.heights) > 0 else 1, has_any(obstacles.world)
     for i in range(len(R)):
         axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
         for m in range(spheres.begin[i], spheres.begin[i + 1]):
             s = spheres.of_link[m]
             arm, radius = carried_in(R, i, spheres.place, s), spheres.radius[s]
             x, y, z = q[i, 0] + arm[0], q[i, 1] + arm[1], q[i, 2] + arm[2]
-            count, hides = find_world_contacts_of_sphere(obstacles.world, search, s, count)
+            hides = False
+            if has_solids:
+                count, hides = find_world_contacts_of_sphere(obstacles.world, search, s, count)
             for k in range(1 if hides else 0, cells):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius, k)
                 a = k * len(spheres.link) + s
@@ -294,8 +297,9 @@ def find_obstacle_contacts(
                     fill_grip(obstacles.patches, contacts, a, (x, y), spheres.grip[s])
                     fill_contact_frame(frame[a], (nx, ny, nz), axis)
         begin, next_capsule = next_capsule, end_of_capsules(pose.robot.capsules, next_capsule, i)
-        for c in range(begin, next_capsule):
-            count = find_world_contacts_of_capsule(obstacles.world, search, c, count)
+        if has_solids:
+            for c in range(begin, next_capsule):
+                count = find_world_contacts_of_capsule(obstacles.world, search, c, count)
         if len(obstacles.pegs) > 0:
             part = begin, next_capsule
             count = find_peg_contacts(obstacles, tolerance, pose, part, found, count)
@@ -324,15 +328,13 @@ class Ball(NamedTuple):
 
 @inlined
 def find_world_contacts_of_sphere(
-    world: Surroundings | None, search: Search, s: int, count: int
+    world: Surroundings, search: Search, s: int, count: int
 ) -> tuple[int, bool]:
     """
     Fill the closed contacts of sphere s with the world, behind `count` closed ones before.
 
     Return how many contacts are closed, and whether a solid hides the floor below the sphere.
     """
-    if world is None:
-        return count, False
     pose, spheres = search.pose, search.pose.robot.spheres
     i, radius = spheres.link[s], spheres.radius[s]
     center = beside(pose.q[i], carried_in(pose.R, i, spheres.place, s))
@@ -345,11 +347,9 @@ def find_world_contacts_of_sphere(
 
 @inlined
 def find_world_contacts_of_capsule(
-    world: Surroundings | None, search: Search, c: int, count: int
+    world: Surroundings, search: Search, c: int, count: int
 ) -> int:
     """Do the same for the interior of capsule c, which hides no floor."""
-    if world is None:
-        return count
     pose, capsules = search.pose, search.pose.robot.capsules
     i, radius = capsules.link[c], capsules.radius[c]
     middle = beside(pose.q[i], carried_in(pose.R, i, capsules.center, c))
@@ -620,7 +620,7 @@ def place_contact(
         geometry.point[a, k] = sphere[k] - radius * normal[k]
 
 
-@inlined
+@linked
 def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> float:
     """
     Return how deep the robot is in the floor or in an obstacle [m], 0 if it is in neither.
@@ -641,7 +641,8 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     for s in range(len(spheres.link)):
         for k in range(CELLS if len(obstacles.heights) > 0 else 1):
             lowest = min(lowest, gap_to_ground(obstacles, spheres, q, s, k))
-    lowest = min(lowest, -world_penetration(obstacles.world, spheres, robot.capsules, q))
+    if has_any(obstacles.world):
+        lowest = min(lowest, -world_penetration(obstacles.world, spheres, robot.capsules, q))
     if len(obstacles.pegs) > 0:
         for c in range(len(robot.capsules.link)):
             middle, axis = from_above(robot.capsules, q, c)
@@ -656,14 +657,12 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     return -lowest
 
 
-@inlined
+@linked
 def world_penetration(
-    world: Surroundings | None, spheres: Spheres, capsules: Capsules, q: Array
+    world: Surroundings, spheres: Spheres, capsules: Capsules, q: Array
 ) -> float:
     """Return how deep the robot is in the world [m], 0 if it is beside."""
     depth = 0.0
-    if world is None:
-        return depth
     for s in range(len(spheres.link)):
         i = spheres.link[s]
         center = beside(q[i], carried_place(spheres.straight, q, i, spheres.place, s))
@@ -683,10 +682,8 @@ def axis_of_capsule(capsules: Capsules, q: Array, c: int) -> Axis:
 
 
 @inlined
-def gap_to_world(world: Surroundings | None, robot: Mechanism, q: Array, a: int) -> float:
+def gap_to_world(world: Surroundings, robot: Mechanism, q: Array, a: int) -> float:
     """Return the gap of contact a [m], of which detection found what it touches."""
-    if world is None:
-        return math.inf
     k, spheres, capsules = a - world.first, robot.spheres, robot.capsules
     if k < len(spheres.link) * OF_SPHERE:
         s = k // OF_SPHERE
@@ -776,7 +773,7 @@ def gap_at(
         k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
         middle, axis = from_above(robot.capsules, q, c)
         return gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
-    if obstacles.world is not None and a >= len(spheres.link):
+    if has_any(obstacles.world) and a >= len(spheres.link):
         return gap_to_world(obstacles.world, robot, q, a)
     k, s = divmod(a, len(spheres.link))
     return gap_to_ground(obstacles, spheres, q, s, k)

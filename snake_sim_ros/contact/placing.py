@@ -102,10 +102,8 @@ def fill_geometry(
 
 
 def surroundings_of(scene: Scene) -> Surroundings:
-    """Return the world of a scene that has one."""
-    world = make_surroundings(scene, contact_count(scene))
-    assert world is not None
-    return world
+    """Return the solids of the world of a scene."""
+    return make_surroundings(scene, contact_count(scene))
 
 
 def world_geometry(

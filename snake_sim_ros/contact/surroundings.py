@@ -61,7 +61,7 @@ from snake_sim_ros.contact.shapes import (
     triple,
     TUBE,
 )
-from snake_sim_ros.dynamics.compilation import inlined
+from snake_sim_ros.dynamics.compilation import inlined, linked
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.obstacles import OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -127,10 +127,8 @@ class Surroundings(NamedTuple):
 # ---- making -------------------------------------------------------------------------------------
 
 
-def make_surroundings(scene: Scene, contacts: int) -> Surroundings | None:
-    """Return the world of a scene that has some number of contacts; None if there is none."""
-    if not scene.world:
-        return None
+def make_surroundings(scene: Scene, contacts: int) -> Surroundings:
+    """Return the world of a scene that has some number of contacts; it may have no solids."""
     spheres, capsules = scene.robot.chain.spheres, scene.robot.chain.capsules
     inward = np.zeros((len(spheres.link), 3))
     for s, place in enumerate(spheres.place):
@@ -315,10 +313,16 @@ def _ridges_of_triangles(
     return edges, face[one[convex]], tips, at, faces[begin]
 
 
+@inlined
+def has_any(world: Surroundings) -> bool:
+    """Return whether there are solids."""
+    return len(world.grip) > 0
+
+
 # ---- spheres ------------------------------------------------------------------------------------
 
 
-@inlined
+@linked
 def nearest_on_piece(world: Surroundings, item: int, c: Three) -> Near:
     """Return the nearest point of a piece."""
     boxes, poles, pipes = len(world.box_center), len(world.poles), len(world.pipes)
@@ -452,7 +456,7 @@ def hides_floor(world: Surroundings, count: int, c: Three) -> bool:
     return hides
 
 
-@inlined
+@linked
 def find_places_of_sphere(
     world: Surroundings, c: Three, radius: float, reach: float, inward: Three
 ) -> tuple[int, bool]:
@@ -567,7 +571,7 @@ def near_pole(world: Surroundings, k: int, axis: Axis) -> tuple[float, Near]:
     return s, nearest_on_segment(start, along, length, row[7], moved(axis.middle, s, axis.along))
 
 
-@inlined
+@linked
 def continues(world: Surroundings, p: Three, solid: int) -> bool:
     """Return whether a point is in or on the floor or a solid other than a given one."""
     if p[2] <= SAME:
@@ -604,7 +608,7 @@ def is_tip_of_union(world: Surroundings, k: int, n: Three, along: Three) -> bool
     return True
 
 
-@inlined
+@linked
 def find_places_of_axis(world: Surroundings, axis: Axis, radius: float, reach: float) -> int:
     """
     Find where the interior of a capsule may touch the world with gaps up to `reach` [m].
@@ -656,7 +660,7 @@ def is_lowest(before: float, here: float, after: float) -> bool:
     return here <= before and here <= after and (falls or rises)
 
 
-@inlined
+@linked
 def find_places_at_pipe(world: Surroundings, k: int, axis: Axis, most: float, count: int) -> int:
     """Find where the interior of an axis touches a pipe up to a distance `most` [m]; count."""
     row, half = world.pipes[k], axis.half
@@ -685,7 +689,7 @@ def find_places_at_pipe(world: Surroundings, k: int, axis: Axis, most: float, co
     return count
 
 
-@inlined
+@linked
 def depth_of_axis(world: Surroundings, axis: Axis, radius: float) -> float:
     """Return how deep the interior of a capsule is in edges, corners and bars [m]."""
     deepest = 0.0

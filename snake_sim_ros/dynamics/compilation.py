@@ -60,12 +60,21 @@ def compiled(function: F) -> F:
     return _compiled(function)
 
 
+def linked(function: F) -> F:
+    """
+    Return `function` compiled once for all compiled functions that call it; see `compiled`.
+
+    It has no entry from Python: only compiled functions can call it, see `linked_code`. It is for
+    what is large and called in several places.
+    """
+    return _compiled(function, no_cpython_wrapper=True, pipeline_class=LinkedCompiler)
+
+
 def inlined(function: F) -> F:
     """
-    Return `function` compiled into its callers, which are compiled functions; see `compiled`.
+    Return `function` compiled into each of its callers, as those that are `linked`.
 
     A call copies the headers of all array arguments, which often costs more than the work itself.
-    The function has no entry from Python: only compiled functions can call it, see `linked_code`.
     """
     return _compiled(
         function, forceinline=True, no_cpython_wrapper=True, pipeline_class=LinkedCompiler

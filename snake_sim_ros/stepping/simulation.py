@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 
+from snake_sim_ros.contact.placing import world_geometry
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait
@@ -224,6 +225,8 @@ class Simulation:
         joint_motion(self.scene.robot, self.state.q[None], self.state.u[None])
         if not self.given:
             contact_forces(self.scene, self.state, self.history)
+            if self.scene.world:
+                world_geometry(self.scene, self.state.q)
         if isinstance(self.stepper, LevelStepper) and not wave:
             for level in levels:
                 self.stepper.prepare(level, self.state)

@@ -85,7 +85,7 @@ def _read(value: Any, words: list[Any]) -> Any:
             raise TypeError(
                 f'arrays of a record must be C-contiguous, got strides {value.strides}'
             )
-        words.append(value.ctypes.data)
+        words.append(value.__array_interface__['data'][0])  # `ctypes.data` takes a us
         words.extend(value.shape)
         return value.dtype, value.ndim
     if isinstance(value, tuple):
@@ -229,7 +229,7 @@ class BoundCall:
         self._value = ctypes.c_int64()
         if COMPILES:
             self._call = _machine_code(function, tuple(block.kind for block in blocks))
-            self.code = int(ctypes.cast(self._call, ctypes.c_void_p).value or 0)
+            self.code = _address(self._call)
             self._addresses = (
                 ctypes.addressof(self._value),
                 ctypes.addressof(_nothing),
@@ -244,6 +244,11 @@ class BoundCall:
         if status not in RETURNED:
             raise RuntimeError(f'{self.function.__name__} raised an error, status {status}')
         return self._value.value
+
+
+def _address(call: Any) -> int:
+    """Return the address of machine code."""
+    return int(ctypes.cast(call, ctypes.c_void_p).value or 0)
 
 
 @cache
@@ -320,8 +325,7 @@ class Loop:
 
     def __init__(self, func: Callable[..., Any], first: Any) -> None:
         self.func, self.first = func, first
-        self._model = self._work = None
-        self._blocks: tuple[Block, ...] = ()
+        self._blocks: list[Block] = []
 
     def __call__(self, model: Any, work: Any, steps: Any) -> None:
         """Take steps."""
@@ -329,7 +333,7 @@ class Loop:
 
     def bound(self, model: Any, work: Any, steps: Any) -> BoundCall:
         """Return the call that takes steps, as often as it is made."""
-        if not (self._model is model and self._work is work):
-            self._model, self._work = model, work
-            self._blocks = Block(self.first), Block(model), Block(work)
+        kept = {id(block.record): block for block in self._blocks}
+        records = self.first, model, work
+        self._blocks = [kept.get(id(record)) or Block(record) for record in records]
         return BoundCall(self.func, *self._blocks, Block(steps))

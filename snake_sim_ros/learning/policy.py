@@ -61,7 +61,7 @@ class PolicyController:
         if self._motion:
             snakes.task.progress(self._motion, motion)
         else:
-            snakes.task.start(0, motion[0], np.random.default_rng(self.seed))
+            snakes.task.start(0, motion.of_robot(0), np.random.default_rng(self.seed))
         self._motion = motion
         joints = measured.joint_angle[None], measured.joint_velocity[None]
         force = measured.contact_wrench

@@ -16,10 +16,10 @@ from gymnasium.spaces import Box
 import numpy as np
 
 from snake_sim_ros.learning.actions import KINDS
-from snake_sim_ros.learning.batch import Batch
 from snake_sim_ros.learning.tasks import Motion, TASKS
 from snake_sim_ros.scene.checked_records import nearest, ParameterError, scaled
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in, with_settings
+from snake_sim_ros.stepping.batch import Batch
 from snake_sim_ros.stepping.controlled import command_effort
 from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
 from snake_sim_ros.stepping.sampling import (
@@ -205,7 +205,7 @@ class Snakes:
         self._before[chosen] = self.batch.u[chosen, 0, :3]
         self.motion = Motion.of(self.batch.q[..., :3])
         for i, each in zip(rows, draws, strict=True):
-            self.task.start(i, self.motion[i], each)
+            self.task.start(i, self.motion.of_robot(i), each)
         self._see(chosen)
 
     def step(self, action: Array, rows: Rows = ALL) -> tuple[dict[str, Array], Array]:
@@ -296,7 +296,8 @@ class Snakes:
         if force is not None:
             parts.append(force.reshape(len(force), -1))
         parts += [self.actions.state()[rows], self.task.command(motion)[rows]]
-        return np.clip(np.concatenate(parts, axis=1), -self.bound, self.bound)
+        found: Array = np.concatenate(parts, axis=1)
+        return found.clip(-self.bound, self.bound)
 
     def _see(self, rows: Rows) -> Array:
         """Observe some snakes; return the rates of their joint axes, shape (m, axes) [rad/s]."""

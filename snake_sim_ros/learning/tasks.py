@@ -10,7 +10,7 @@ of its own; arrays have a row for each.
 
 from collections.abc import Callable
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,8 +39,8 @@ class Motion(NamedTuple):
         place = position[..., :2].cumsum(axis=-2)[..., -1, :] / position.shape[-2]
         return cls(place, np.arctan2(ahead[..., 1], ahead[..., 0]))
 
-    def __getitem__(self, row: Any) -> 'Motion':
-        """Return that of one of several robots, or of some."""
+    def of_robot(self, row: int) -> 'Motion':
+        """Return that of one of several robots."""
         return Motion(self.place[row], self.heading[row])
 
 

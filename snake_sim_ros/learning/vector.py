@@ -133,12 +133,13 @@ class SnakeVectorEnv(VectorEnv[Array, Array, Array]):
         if self.max_episode_steps:
             truncated = (snakes.periods >= self.max_episode_steps) & ~anew
         self._ended, stepped = terminated | truncated, ~anew
-        begins, info = anew, {}
+        begins = anew
+        info: dict[str, Any] = {}
         if mode == AutoresetMode.SAME_STEP and self._ended.any():
             begins, last = self._ended, snakes.seen.copy()
             final = np.full(self.num_envs, None, dtype=object)
-            for i in np.flatnonzero(begins):
-                final[i] = last[i]
+            for row in np.flatnonzero(begins).tolist():
+                final[row] = last[row]
             info = {'final_obs': final, '_final_obs': begins.copy()}
             info |= {'final_info': self._info(terms, begins), '_final_info': begins.copy()}
             stepped, self._ended = ~begins, np.zeros(self.num_envs, bool)
@@ -168,12 +169,14 @@ class SnakeVectorEnv(VectorEnv[Array, Array, Array]):
         for name, term in terms.items():
             reward |= {name: np.where(stepped, term, 0.0), f'_{name}': stepped.copy()}
         failure = np.where(stepped, '', np.array(None, dtype=object))
-        for i in np.flatnonzero(self.snakes.batch.failed & stepped):
-            failure[i] = self.snakes.failure(int(i))
+        for row in np.flatnonzero(self.snakes.batch.failed & stepped).tolist():
+            failure[row] = self.snakes.failure(row)
         unconverged = np.where(stepped, self.snakes.batch.unconverged, 0)
         found: dict[str, Any] = {}
-        for name, value in zip(
-            ('reward', 'unconverged', 'failure'), (reward, unconverged, failure), strict=True
+        for key, value in (
+            ('reward', reward),
+            ('unconverged', unconverged),
+            ('failure', failure),
         ):
-            found |= {name: value, f'_{name}': stepped.copy()}
+            found |= {key: value, f'_{key}': stepped.copy()}
         return found

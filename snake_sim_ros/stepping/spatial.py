@@ -46,7 +46,8 @@ class SpatialStepper(LoopStepper):
 
     def watch(self, settle_steps: int) -> None:
         """Let `advance` end once the robot has lain flat and still for that number of steps."""
-        self.model = self.model._replace(settle_steps=settle_steps)
+        if self.model.settle_steps != settle_steps:
+            self.model = self.model._replace(settle_steps=settle_steps)
 
     def take_steps(
         self, state: State, history: History, inputs: Inputs

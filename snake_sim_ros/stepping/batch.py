@@ -191,8 +191,10 @@ class Batch:
         simulation = self.simulation(i)
         simulation.advance(self.angle[i], self.rate[i])
         self._look(i)
-        place = simulation._in_place
-        if not (COMPILES and place and not simulation.pushes):
+        if not COMPILES or simulation.pushes or simulation.budget.share:
+            return
+        place = simulation.go_on_in_place(self.angle.shape[1])
+        if not place:
             return
         # What was handed out before may change no more.
         place.given_state = place.given_history = None

@@ -18,18 +18,21 @@ import struct
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.imputils import lower_getattr_generic
 from numba.core.types.containers import BaseTuple
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import models, register_model
+from numba.extending import intrinsic, models, register_model
 from numba.np.numpy_support import from_dtype
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import COMPILES, Dispatched
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, Dispatched
+from snake_sim_ros.scene.parameters import Array
 
 WORD = ir.IntType(64)
+BYTES = ir.IntType(8).as_pointer()
 RETURNED = 0, -2  # what machine code of Numba returns at the end: a value, or None
+RAISED = -(2**62)  # in place of the integer of a call that raised an error
 _nothing = ctypes.c_void_p()  # where it says what it raises
 
 
@@ -82,7 +85,7 @@ def _read(value: Any, words: list[Any]) -> Any:
             raise TypeError(
                 f'arrays of a record must be C-contiguous, got strides {value.strides}'
             )
-        words.append(value.ctypes.data)
+        words.append(value.__array_interface__['data'][0])  # `ctypes.data` takes a us
         words.extend(value.shape)
         return value.dtype, value.ndim
     if isinstance(value, tuple):
@@ -212,13 +215,21 @@ class BoundCall:
     blocks : Block
         Its arguments.
 
+    Attributes
+    ----------
+    code : int
+        Address of the machine code; 0 where nothing is compiled.
+
     """
+
+    code = 0
 
     def __init__(self, function: Callable[..., Any], *blocks: Block) -> None:
         self.function, self.blocks = function, blocks
         self._value = ctypes.c_int64()
         if COMPILES:
             self._call = _machine_code(function, tuple(block.kind for block in blocks))
+            self.code = _address(self._call)
             self._addresses = (
                 ctypes.addressof(self._value),
                 ctypes.addressof(_nothing),
@@ -235,6 +246,11 @@ class BoundCall:
         return self._value.value
 
 
+def _address(call: Any) -> int:
+    """Return the address of machine code."""
+    return int(ctypes.cast(call, ctypes.c_void_p).value or 0)
+
+
 @cache
 def _machine_code(function: Any, kinds: tuple[Any, ...]) -> Callable[..., int]:
     """Return the machine code of a function for records of some types."""
@@ -243,6 +259,48 @@ def _machine_code(function: Any, kinds: tuple[Any, ...]) -> Callable[..., int]:
     address = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
     pointers = (2 + len(kinds)) * [ctypes.c_void_p]
     return ctypes.CFUNCTYPE(ctypes.c_int32, *pointers)(address)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def call_code(typing_context: Any, code: Any, blocks: Any) -> Any:
+    """
+    Call machine code from compiled code, with the addresses of its blocks, a tuple.
+
+    It is that of a `BoundCall`. Its integer is returned, RAISED if it raised an error.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        parts = cgutils.unpack_tuple(builder, arguments[1])
+        kind = ir.FunctionType(ir.IntType(32), (2 + len(parts)) * [BYTES])
+        value = cgutils.alloca_once_value(builder, WORD(0))
+        raised = cgutils.alloca_once(builder, BYTES)
+        given = [builder.inttoptr(part, BYTES) for part in parts]
+        places = [builder.bitcast(place, BYTES) for place in (value, raised)]
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        status = builder.call(function, [*places, *given])
+        is_end = [builder.icmp_signed('==', status, status.type(end)) for end in RETURNED]
+        return builder.select(builder.or_(*is_end), builder.load(value), WORD(RAISED))
+
+    return types.int64(code, blocks), generate
+
+
+@compiled
+def call_each(calls: Array, rows: Array, values: Array) -> None:
+    """
+    Make calls with one block each, one after the other.
+
+    Parameters
+    ----------
+    calls : ndarray of int64, shape (m, 2)
+        Addresses of the machine code and of its block; see `BoundCall`.
+    rows : ndarray of int64, shape (k,)
+        Which of them are made.
+    values : ndarray of int64, shape (m,)
+        Filled with the integers that are returned; see `call_code`.
+
+    """
+    for i in rows:
+        values[i] = call_code(calls[i, 0], (calls[i, 1],))
 
 
 def compile_call(function: Any, *kinds: Any) -> None:
@@ -267,8 +325,7 @@ class Loop:
 
     def __init__(self, func: Callable[..., Any], first: Any) -> None:
         self.func, self.first = func, first
-        self._model = self._work = None
-        self._blocks: tuple[Block, ...] = ()
+        self._blocks: list[Block] = []
 
     def __call__(self, model: Any, work: Any, steps: Any) -> None:
         """Take steps."""
@@ -276,7 +333,7 @@ class Loop:
 
     def bound(self, model: Any, work: Any, steps: Any) -> BoundCall:
         """Return the call that takes steps, as often as it is made."""
-        if not (self._model is model and self._work is work):
-            self._model, self._work = model, work
-            self._blocks = Block(self.first), Block(model), Block(work)
+        kept = {id(block.record): block for block in self._blocks}
+        records = self.first, model, work
+        self._blocks = [kept.get(id(record)) or Block(record) for record in records]
         return BoundCall(self.func, *self._blocks, Block(steps))

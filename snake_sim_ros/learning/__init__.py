@@ -11,10 +11,12 @@ from typing import Any
 
 import gymnasium
 
-from snake_sim_ros.learning.environment import Randomization, SnakeEnv
+from snake_sim_ros.learning.environment import SnakeEnv
 from snake_sim_ros.learning.policy import PolicyController
+from snake_sim_ros.learning.snakes import Randomization
+from snake_sim_ros.learning.vector import SnakeVectorEnv
 
-__all__ = ['ENVIRONMENTS', 'PolicyController', 'Randomization', 'SnakeEnv']
+__all__ = ['ENVIRONMENTS', 'PolicyController', 'Randomization', 'SnakeEnv', 'SnakeVectorEnv']
 
 EPISODE = 500  # control periods of an episode: 20 s at 25 Hz
 # Name -> arguments of `SnakeEnv`.
@@ -32,5 +34,9 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
 
 for name, values in ENVIRONMENTS.items():
     gymnasium.register(
-        name, f'{SnakeEnv.__module__}:SnakeEnv', kwargs=values, max_episode_steps=EPISODE
+        name,
+        f'{SnakeEnv.__module__}:SnakeEnv',
+        vector_entry_point=f'{SnakeVectorEnv.__module__}:SnakeVectorEnv',
+        kwargs=values,
+        max_episode_steps=EPISODE,
     )

@@ -42,25 +42,38 @@ class PolicyController:
     def __init__(
         self, environment: SnakeEnv, policy: Callable[[Array], Array], seed: int = 0
     ) -> None:
-        if isinstance(environment.actions, Torques):
+        if isinstance(environment.snakes.actions, Torques):
             raise ParameterError('a controller commands angles: the policy must not have torques')
-        self.environment, self.policy, self.seed = environment, policy, seed
-        self.period, self.sees_contacts = environment.period, environment.contacts
+        self.snakes, self.policy, self.seed = environment.snakes, policy, seed
+        self.period, self.sees_contacts = self.snakes.period, self.snakes.contacts
 
     def start(self, scene: Scene) -> None:
         """Begin an episode."""
-        self.environment.actions.start(scene)
+        self.snakes.actions.start(0, scene)
         self._motion: Motion | None = None
 
     def control(self, measured: Measured, time: float) -> Reference:
         """Return the references of the next action."""
-        environment = self.environment
+        snakes = self.snakes
         assert measured.position is not None
-        motion = Motion.of(measured.position)
+        assert measured.imu is not None
+        motion = Motion.of(measured.position[None])
         if self._motion:
-            environment.task.progress(self._motion, motion)
+            snakes.task.progress(self._motion, motion)
         else:
-            environment.task.start(motion, np.random.default_rng(self.seed))
+            snakes.task.start(0, motion.of_robot(0), np.random.default_rng(self.seed))
         self._motion = motion
-        action = environment.physical(self.policy(environment.observation(measured, motion)))
-        return environment.actions.reference(action, time, self.period)
+        joints = measured.joint_angle[None], measured.joint_velocity[None]
+        force = measured.contact_wrench
+        force = None if force is None else force[None, :, :3]
+        seen = snakes.observation(joints, measured.imu[:1], force, motion)[0]
+        shape = snakes.actions.low.shape
+        what = f'a policy must return {shape[0]} finite numbers'
+        action = snakes.physical(self.policy(seen), what, shape)
+        references = snakes.actions.references(action[None], np.array([time]), self.period)
+
+        def reference(times: Array) -> tuple[Array, Array]:
+            angle, rate = references(times[None])
+            return angle[0], rate[0]
+
+        return reference

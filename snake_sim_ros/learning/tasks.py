@@ -4,7 +4,8 @@
 What a snake is to do in an episode: what it is told of that, and what its progress is worth.
 
 The place of a robot is the mean of its link centers on the floor; it heads from its last link to
-its first one, as a `PathFollower` has it.
+its first one, as a `PathFollower` has it. A task is that of several robots, each with an episode
+of its own; arrays have a row for each.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from snake_sim_ros.controllers.paths import PlanarPath
+from snake_sim_ros.controllers.paths import Place, PlanarPath
 from snake_sim_ros.scene.parameters import Array
 
 NEAREST, FARTHEST = 0.7, 2.5  # of goals [m]
@@ -25,21 +26,37 @@ LOOKAHEAD = 0.5  # along the path, where the direction to take is looked up [m]
 
 
 class Motion(NamedTuple):
-    """Where a robot is and heads."""
+    """Where robots are and head."""
 
-    place: Array  # (2,) [m, frame I]
-    heading: float  # counterclockwise from e_x of I [rad]
+    place: Array  # (..., 2) [m, frame I]
+    heading: Array  # (...) counterclockwise from e_x of I [rad]
 
     @classmethod
     def of(cls, position: Array) -> 'Motion':
-        """Return that of link centers (n, 3) [m]."""
-        ahead = position[0, :2] - position[-1, :2]
-        return cls(position[:, :2].mean(axis=0), math.atan2(ahead[1], ahead[0]))
+        """Return that of link centers (..., n, 3) [m]."""
+        ahead = position[..., 0, :2] - position[..., -1, :2]
+        # The sum of a row, unlike that of `sum`, does not depend on how many rows there are.
+        place = position[..., :2].cumsum(axis=-2)[..., -1, :] / position.shape[-2]
+        return cls(place, np.arctan2(ahead[..., 1], ahead[..., 0]))
+
+    def of_robot(self, row: int) -> 'Motion':
+        """Return that of one of several robots."""
+        return Motion(self.place[row], self.heading[row])
+
+
+def directed(angle: Array, *rest: Array) -> Array:
+    """Return sine and cosine of angles, and what else a command has, as columns."""
+    return np.stack([np.sin(angle), np.cos(angle), *rest], axis=-1)
 
 
 class Task(Protocol):
     """
-    A task.
+    A task of some robots, each with an episode of its own.
+
+    Parameters
+    ----------
+    count : int
+        Number of the robots.
 
     Attributes
     ----------
@@ -53,16 +70,16 @@ class Task(Protocol):
     labels: tuple[str, ...]
     bound: Array
 
-    def start(self, motion: Motion, draws: np.random.Generator) -> None:
-        """Begin an episode."""
+    def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
+        """Begin the episode of one robot, whose motion this is."""
         ...
 
     def command(self, motion: Motion) -> Array:
-        """Return what the agent is told."""
+        """Return what the agents are told, shape (count, k)."""
         ...
 
-    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, float], bool]:
-        """Return the terms of the reward in a period by name, and whether the task is done."""
+    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, Array], Array]:
+        """Return the terms of the rewards in a period by name, and which tasks are done."""
         ...
 
 
@@ -72,19 +89,22 @@ class Forward:
     labels: tuple[str, ...] = ('sine of the course', 'cosine of the course')
     bound = np.ones(2)
 
-    def start(self, motion: Motion, draws: np.random.Generator) -> None:
+    def __init__(self, count: int) -> None:
+        self.course = np.zeros(count)
+
+    def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
         """Take the direction of the start."""
-        self.course = motion.heading
+        self.course[row] = motion.heading
 
     def command(self, motion: Motion) -> Array:
         """Return the direction to take from the heading."""
-        off = self.course - motion.heading
-        return np.array([math.sin(off), math.cos(off)])
+        return directed(self.course - motion.heading)
 
-    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, float], bool]:
+    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, Array], Array]:
         """Return the way forward."""
-        along = np.array([math.cos(self.course), math.sin(self.course)])
-        return {'forward': float((now.place - before.place) @ along)}, False
+        way = now.place - before.place
+        along = way[:, 0] * np.cos(self.course) + way[:, 1] * np.sin(self.course)
+        return {'forward': along}, np.zeros(len(along), bool)
 
 
 class Goal:
@@ -93,23 +113,24 @@ class Goal:
     labels: tuple[str, ...] = ('sine of the bearing', 'cosine of the bearing', 'distance [m]')
     bound = np.array([1.0, 1.0, 10.0])
 
-    def start(self, motion: Motion, draws: np.random.Generator) -> None:
+    def __init__(self, count: int) -> None:
+        self.goal = np.zeros((count, 2))
+
+    def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
         """Draw a goal, evenly in the area of a ring."""
         distance = math.sqrt(draws.uniform(NEAREST**2, FARTHEST**2))
         angle = draws.uniform(-math.pi, math.pi)
-        self.goal = motion.place + distance * np.array([math.cos(angle), math.sin(angle)])
+        self.goal[row] = motion.place + distance * np.array([math.cos(angle), math.sin(angle)])
 
     def command(self, motion: Motion) -> Array:
-        """Return where the goal is from the robot, as from its heading."""
-        way = self.goal - motion.place
-        bearing = math.atan2(way[1], way[0]) - motion.heading
-        return np.array([math.sin(bearing), math.cos(bearing), math.hypot(*way)])
+        """Return where the goals are from the robots, as from their headings."""
+        x, y = (self.goal - motion.place).T
+        return directed(np.arctan2(y, x) - motion.heading, np.hypot(x, y))
 
-    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, float], bool]:
-        """Return the gained distance, and a bonus when the goal is reached."""
-        was, left = (math.hypot(*(self.goal - each.place)) for each in (before, now))
-        terms = {'nearer': was - left, 'reached': BONUS * (left < REACHED)}
-        return terms, left < REACHED
+    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, Array], Array]:
+        """Return the gained distances, and a bonus where the goal is reached."""
+        was, left = (np.hypot(*(self.goal - each.place).T) for each in (before, now))
+        return {'nearer': was - left, 'reached': BONUS * (left < REACHED)}, left < REACHED
 
 
 class Path:
@@ -127,28 +148,38 @@ class Path:
     )
     bound = np.array([1.0, 1.0, 5.0])
 
-    def start(self, motion: Motion, draws: np.random.Generator) -> None:
+    def __init__(self, count: int) -> None:
+        self.paths: list[PlanarPath | None] = [None] * count
+        self.arc, self.cross_track, self.ahead, self.length = np.zeros((4, count))
+
+    def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
         """Draw a path."""
         turns = draws.uniform(-TURNS, TURNS, POINTS - 1)
         course = motion.heading + np.concatenate([[0.0], np.cumsum(turns)])
         steps = APART * np.column_stack([np.cos(course), np.sin(course)])
-        self.path = PlanarPath.spline(motion.place + np.cumsum(np.vstack([[0, 0], steps]), axis=0))
-        self.at = self.path.nearest(motion.place)
+        path = PlanarPath.spline(motion.place + np.cumsum(np.vstack([[0, 0], steps]), axis=0))
+        self.paths[row], self.length[row] = path, path.length
+        self._find(row, path, path.nearest(motion.place))
 
     def command(self, motion: Motion) -> Array:
-        """Return the direction of the path ahead from the heading, and the cross-track error."""
-        ahead = np.interp(self.at.arc + LOOKAHEAD, self.path.arc, self.path.direction)
-        off = float(ahead) - motion.heading
-        return np.array([math.sin(off), math.cos(off), self.at.cross_track])
+        """Return the directions of the paths ahead from the headings, and cross-track errors."""
+        return directed(self.ahead - motion.heading, self.cross_track)
 
-    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, float], bool]:
-        """Return the gained arc length, and the end of the path as done."""
-        last, self.at = self.at, self.path.nearest(now.place, self.at.arc)
-        covered = self.at.arc - last.arc
-        off = min(abs(self.at.cross_track) / LOOKAHEAD, 1.0)
-        return {'covered': covered, 'cross_track': -off * abs(covered)}, (
-            self.at.arc >= self.path.length
-        )
+    def progress(self, before: Motion, now: Motion) -> tuple[dict[str, Array], Array]:
+        """Return the gained arc lengths, and the ends of the paths as done."""
+        last = self.arc.copy()
+        for row, path in enumerate(self.paths):
+            if path:
+                self._find(row, path, path.nearest(now.place[row], last[row]))
+        covered = self.arc - last
+        off = np.minimum(np.abs(self.cross_track) / LOOKAHEAD, 1.0)
+        terms = {'covered': covered, 'cross_track': -off * np.abs(covered)}
+        return terms, self.arc >= self.length
+
+    def _find(self, row: int, path: PlanarPath, place: Place) -> None:
+        """Note where a robot is on its path."""
+        self.arc[row], self.cross_track[row] = place.arc, place.cross_track
+        self.ahead[row] = np.interp(place.arc + LOOKAHEAD, path.arc, path.direction)
 
 
-TASKS: dict[str, Callable[[], Task]] = {'forward': Forward, 'goal': Goal, 'path': Path}
+TASKS: dict[str, Callable[[int], Task]] = {'forward': Forward, 'goal': Goal, 'path': Path}

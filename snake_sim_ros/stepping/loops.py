@@ -11,11 +11,11 @@ as many steps like the last ones are requested.
 
 from collections.abc import Callable, Iterable
 import math
-from typing import cast, NamedTuple, TYPE_CHECKING
+from typing import Any, cast, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, Table
+from snake_sim_ros.dynamics.compilation import compiled, Dispatched, Table
 from snake_sim_ros.dynamics.records import Block, BoundCall, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Inputs, Report
@@ -115,10 +115,17 @@ class LoopStepper:
 
 
 class End(NamedTuple):
-    """What a stepper makes of the end of a loop. Both are copies."""
+    """What a stepper makes of the end of a loop. State and history are copies."""
 
     state: Callable[[Steps], State]  # q and u as links in space
     history: Callable[[Steps], History]  # with the memory of the level
+    # What `show` takes to fill q (n, 7) and u (n, 6) of a `State`.
+    shown: Callable[[Steps, Array, Array], tuple[Any, ...]]
+
+
+@Dispatched
+def show(shown: tuple[Any, ...]) -> None:
+    """Fill coordinates and velocities of links in space after the last step; see `End`."""
 
 
 class Calls(NamedTuple):
@@ -220,8 +227,8 @@ class StepsInPlace:
         stepper.cycles = self.steps.cycles
         settling = self.steps.history.settling
         following = calls.pitch, bool(settling[0] > 0.0), self.angle, self.rate, settling
-        block = Block(Next(*following, self.steps.report, calls.pushes))
-        self.begin = BoundCall(begin_next, block)
+        self.following = Next(*following, self.steps.report, calls.pushes)
+        self.begin = BoundCall(begin_next, Block(self.following))
         self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
         self.end, self.left, self.pause_ends = end, '', -math.inf
         self.given_state: Given | None = None

@@ -374,9 +374,16 @@ class Simulation:
         count = len(angle)
         goes_on = last.steps == self.last.steps == count > 0 and not self._in_place
         self._noted(last)
-        if goes_on and samples is None and not (self.given or self.budget.share):
-            self._in_place = self.stepper.in_place(count, self._state, self._history, pushes)
+        if goes_on and samples is None and not self.budget.share:
+            self.go_on_in_place(count)
         return last
+
+    def go_on_in_place(self, count: int) -> StepsInPlace | None:
+        """Let calls of so many steps continue the last one in place; return them if they can."""
+        if not (self._in_place or self.given or self.last.failure):
+            now = self._state, self._history, self.pushes.at(self.step_count)
+            self._in_place = self.stepper.in_place(count, *now)
+        return self._in_place
 
     def _taken(
         self, angle: Array, rate: Array, samples: Samples | None, pushes: PushTable

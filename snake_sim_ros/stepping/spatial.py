@@ -3,14 +3,33 @@
 """The spatial model level as a stepper."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
-from snake_sim_ros.scene.parameters import Scene
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Inputs, Report
-from snake_sim_ros.stepping.loops import ANY_PITCH, Calls, End, LoopStepper, StepsInPlace
+from snake_sim_ros.stepping.loops import ANY_PITCH, Calls, End, LoopStepper, show, StepsInPlace
 from snake_sim_ros.stepping.model import make_model, make_workspace, Model
 from snake_sim_ros.stepping.pushes import PushTable
 from snake_sim_ros.stepping.state import copied, History, Memory, State
-from snake_sim_ros.stepping.steps import make_steps, Record
+from snake_sim_ros.stepping.steps import copy_numbers, make_steps, Record
+
+
+class InSpace(NamedTuple):
+    """What `loops.show` takes after steps in space."""
+
+    q: Array  # (n, 7)
+    u: Array  # (n, 6)
+    links: Array  # (n, 7) filled with q
+    velocities: Array  # (n, 6) filled with u
+
+
+@show.register(InSpace)
+@compiled
+def show_in_space(shown: InSpace) -> None:
+    """Fill coordinates and velocities of the links."""
+    copy_numbers(shown.q, shown.links)
+    copy_numbers(shown.u, shown.velocities)
 
 
 class SpatialStepper(LoopStepper):
@@ -27,7 +46,8 @@ class SpatialStepper(LoopStepper):
 
     def watch(self, settle_steps: int) -> None:
         """Let `advance` end once the robot has lain flat and still for that number of steps."""
-        self.model = self.model._replace(settle_steps=settle_steps)
+        if self.model.settle_steps != settle_steps:
+            self.model = self.model._replace(settle_steps=settle_steps)
 
     def take_steps(
         self, state: State, history: History, inputs: Inputs
@@ -48,5 +68,6 @@ class SpatialStepper(LoopStepper):
         end = End(
             state=lambda steps: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
+            shown=lambda steps, links, velocities: InSpace(steps.q, steps.u, links, velocities),
         )
         return StepsInPlace(self, Calls(count, pushes, pitch), (state.q, state.u), history, end)

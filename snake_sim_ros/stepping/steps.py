@@ -211,6 +211,23 @@ def count_steps(before: tuple[int, int, int, int, float, float], report: LoopRep
 
 
 @inlined
+def add_up(total: LoopReport, later: LoopReport) -> None:
+    """Add the report of later steps to that of earlier ones, as `base.Report` does."""
+    total.steps += later.steps
+    total.iterations += later.iterations
+    total.iterations_max = max(total.iterations_max, later.iterations_max)
+    total.unconverged += later.unconverged
+    total.fallbacks += later.fallbacks
+    total.residual_max = max(total.residual_max, later.residual_max)
+    total.printed_residual_max = max(total.printed_residual_max, later.printed_residual_max)
+    total.penetration_max = max(total.penetration_max, later.penetration_max)
+    total.joint_gap_max = max(total.joint_gap_max, later.joint_gap_max)
+    total.joint_twist_max = max(total.joint_twist_max, later.joint_twist_max)
+    total.further_parts += later.further_parts
+    total.contacts = later.contacts
+
+
+@inlined
 def clear_report(report: LoopReport) -> None:
     """Empty a report."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
@@ -227,9 +244,14 @@ def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '
     `left` is as in `base.Report`.
     """
     record: Any = steps.report[0]
+    return as_report(record, applied / dt, dt, level, left)
+
+
+def as_report(record: Any, torque: Array, dt: float, level: str, left: str) -> Report:
+    """Return a record of `LoopReport` as a report; the last step had torques (n-1, 2) [N m]."""
     numbers = record.item()
     link, turn, _ = numbers[-3:]
     planar_steps = numbers[0] if level == 'planar' else 0
     failure = divergence(link, turn, dt) if link else ''
-    rest = applied / dt, level, planar_steps, left, failure
+    rest = torque, level, planar_steps, left, failure
     return Report(*(numbers[:-3] + rest))

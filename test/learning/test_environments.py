@@ -89,7 +89,7 @@ def test_reward_of_the_way_forward_is_the_way():
 def test_goals_are_reached_and_end_the_episode():
     env = SnakeEnv('goal', action='gait')
     env.reset(seed=0)
-    env.task.goal = env._motion.place - [0.2, 0.0]
+    env.snakes.task.goal = env.snakes.motion.place - [0.2, 0.0]
     for _ in range(200):
         _, _, terminated, truncated, info = env.step(WAVES)
         assert not truncated
@@ -102,10 +102,10 @@ def test_goals_are_reached_and_end_the_episode():
 def test_path_rewards_what_is_covered():
     env = SnakeEnv('path', action='gait', energy_price=0.0)
     env.reset(seed=4)
-    begin = env.task.at.arc
+    begin = env.snakes.task.arc[0]
     terms = [env.step(WAVES)[4]['reward'] for _ in range(100)]
-    assert sum(term['covered'] for term in terms) == pytest.approx(env.task.at.arc - begin)
-    assert env.task.at.arc - begin > 0.2
+    assert sum(term['covered'] for term in terms) == pytest.approx(env.snakes.task.arc[0] - begin)
+    assert env.snakes.task.arc[0] - begin > 0.2
 
 
 def test_observations_are_labelled_and_in_their_bounds():
@@ -121,7 +121,7 @@ def test_observations_are_labelled_and_in_their_bounds():
         for label, value in zip(env.observation_labels, seen, strict=True)
         if label.startswith('force z')
     )
-    assert weight == pytest.approx(9.81 * env.base.robot.chain.mass.sum(), rel=0.05)
+    assert weight == pytest.approx(9.81 * env.snakes.base.robot.chain.mass.sum(), rel=0.05)
 
 
 def test_torques_act_and_nothing_else_does():
@@ -129,14 +129,14 @@ def test_torques_act_and_nothing_else_does():
     env.reset(seed=0)
     for _ in range(10):
         env.step(np.zeros(10))
-    still = env._simulation.joint_angle.copy()
+    still = env.simulation.joint_angle.copy()
     for _ in range(5):
         env.step(np.full(10, 0.3))
-    assert np.abs(env._simulation.joint_angle - still).max() > 0.05
+    assert np.abs(env.simulation.joint_angle - still).max() > 0.05
 
 
 def test_randomization_changes_what_it_says():
-    base = SnakeEnv().base
+    base = SnakeEnv().snakes.base
     draws = np.random.default_rng(0)
     random = Randomization(friction=(0.5, 0.5), gains=(2, 2), command_delay=(0.02, 0.02))
     found = random.scene(base, draws)
@@ -156,15 +156,16 @@ def test_policy_moves_a_robot_as_its_environment():
     seen, _ = env.reset(seed=3)
     for _ in range(25):
         seen, *_ = env.step(policy(seen))
-    goal = env.task.goal
+    goal = env.snakes.task.goal.copy()
     followed = SnakeEnv('goal', action='gait')
     controller = PolicyController(followed, policy)
     made = run('lateral_undulation', controller=controller, duration=1.0, dt=1e-3, rate=25)
     # The task has drawn another goal; with the same one both are the same.
-    assert followed.task.goal != pytest.approx(goal)
-    followed.task.start = lambda motion, draws: setattr(followed.task, 'goal', goal)
+    assert followed.snakes.task.goal != pytest.approx(goal)
+    task = followed.snakes.task
+    task.start = lambda row, motion, draws: setattr(task, 'goal', goal)
     made = run('lateral_undulation', controller=controller, duration=1.0, dt=1e-3, rate=25)
-    assert made.position[-1] == pytest.approx(env._simulation.state.q[:, :3], abs=1e-9)
+    assert made.position[-1] == pytest.approx(env.simulation.state.q[:, :3], abs=1e-9)
 
 
 def test_policies_of_torques_are_refused():

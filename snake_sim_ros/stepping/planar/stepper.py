@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
-from snake_sim_ros.stepping.loops import Calls, End, LoopStepper, NO_PITCH, StepsInPlace
+from snake_sim_ros.stepping.loops import Calls, End, LoopStepper, NO_PITCH, show, StepsInPlace
 from snake_sim_ros.stepping.planar.model import (
     forget,
     make_planar_memory,
@@ -114,6 +115,27 @@ def samples_to_space(
     q, u, tilt = planar
     for m in range(count):
         to_space(joints, (q[m], u[m], tilt), height, links[m], velocities[m])
+
+
+class InPlane(NamedTuple):
+    """What `loops.show` takes after steps in the plane; see `to_space`."""
+
+    front: Array  # (n,)
+    rear: Array  # (n,)
+    q: Array  # (n+2,)
+    u: Array  # (n, 3)
+    tilt: Array  # (n, 4)
+    height: Array  # (n,)
+    links: Array  # (n, 7) filled
+    velocities: Array  # (n, 6) filled
+
+
+@show.register(InPlane)
+@compiled
+def show_in_plane(shown: InPlane) -> None:
+    """Fill coordinates and velocities of the links."""
+    joints, planar = (shown.front, shown.rear), (shown.q, shown.u, shown.tilt)
+    to_space(joints, planar, shown.height, shown.links, shown.velocities)
 
 
 @compiled
@@ -243,7 +265,11 @@ class PlanarStepper(LoopStepper):
             self.remember(history.memory, steps.q, steps.u, tilt)
             return history
 
-        end = End(lambda steps: self.in_space(steps.q, steps.u, tilt, height), remembered)
+        end = End(
+            lambda steps: self.in_space(steps.q, steps.u, tilt, height),
+            remembered,
+            lambda steps, *filled: InPlane(*self.joints, steps.q, steps.u, tilt, height, *filled),
+        )
         return StepsInPlace(self, Calls(count, pushes, NO_PITCH), (q, u), history, end)
 
     def prepare(self, state: State) -> None:

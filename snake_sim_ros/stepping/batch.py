@@ -1,0 +1,217 @@
+# Copyright 2026 snake_sim_ros maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Many simulations that take steps in one compiled call, each with the bits that it has alone.
+
+Robots whose steps continue in place, see `loops.StepsInPlace`, need no Python: one loop over all
+of them calls the machine code of each. Where steps are not like the last ones, as after a reset or
+where the level changes, a simulation advances by itself, one after the other.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, record_array, Table
+from snake_sim_ros.dynamics.records import Block, BoundCall, call_code, call_each
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.stepping.loops import begin_next, Next, show, StepsInPlace
+from snake_sim_ros.stepping.simulation import Simulation
+from snake_sim_ros.stepping.state import History, State
+from snake_sim_ros.stepping.steps import add_up, as_report, copy_numbers, LoopReport
+
+
+class Going(NamedTuple):
+    """A robot whose steps continue in place: what `go_on` takes."""
+
+    code: int  # address of the machine code of its loop
+    blocks: Array  # (4,) addresses of what that takes
+    following: Next
+    pause_ends: float  # as in `loops.StepsInPlace`
+    dt: float  # [s]
+    block: Array  # all numbers that the loop changes in place
+    before: Array  # of the same shape
+    applied: Array  # (n-1, 2) impulses of the joints in the last step [N m s]
+    angle: Array  # (steps, n-1, 2) references of the next call [rad]
+    rate: Array  # (steps, n-1, 2) [rad/s]
+    torque: Array  # (n-1, 2) filled with the torques of the last step [N m]
+    total: Table[LoopReport]  # (1,) of all calls
+    shown: tuple[Any, ...]  # see `loops.show`
+
+
+@compiled
+def go_on(going: Going) -> int:
+    """Take steps as `loops.StepsInPlace.take` does; return 1, or 0 without a step."""
+    following = going.following
+    count = len(following.angle)
+    if following.settling[0] - count < going.pause_ends:
+        return 0
+    copy_numbers(going.angle, following.angle)
+    copy_numbers(going.rate, following.rate)
+    copy_numbers(going.block, going.before)
+    if begin_next(following) == 0:
+        return 0
+    blocks = going.blocks
+    call_code(going.code, (blocks[0], blocks[1], blocks[2], blocks[3]))
+    report = following.report[0]
+    if report.steps != count:
+        copy_numbers(going.before, going.block)
+        return 0
+    if going.pause_ends > -math.inf:
+        following.settling[0] -= count
+    following.pushes.clock[0] += count
+    add_up(going.total[0], report)
+    for j in range(len(going.torque)):
+        for k in range(2):
+            going.torque[j, k] = going.applied[j, k] / going.dt
+    show(going.shown)
+    return 1
+
+
+class Batch:
+    """
+    Simulations with as many links each, which take the same number of steps at a time.
+
+    Parameters
+    ----------
+    simulations : sequence of Simulation
+        N simulations, which nobody else advances. Their scenes may differ.
+    threads : int, optional
+        Threads that share the simulations in a call.
+
+    Attributes
+    ----------
+    q, u : ndarray, shape (N, n, 7) and (N, n, 6)
+        The states of all, as `state.State` has them.
+    torque : ndarray, shape (N, n-1, 2)
+        Joint torques of the last steps [N m].
+    unconverged : ndarray of int, shape (N,)
+        As in the reports of the simulations.
+    failed : ndarray of bool, shape (N,)
+        Which have diverged and take no steps until a reset.
+
+    """
+
+    def __init__(self, simulations: Sequence[Simulation], threads: int = 1) -> None:
+        self._simulations, count = list(simulations), len(simulations)
+        links = {simulation.scene.robot.link_count for simulation in simulations}
+        if len(links) != 1:
+            raise ParameterError(
+                f'simulations of a batch must have the same number of links, got {sorted(links)}'
+            )
+        n = links.pop()
+        self.q, self.u = np.zeros((count, n, 7)), np.zeros((count, n, 6))
+        self.torque, self.angle = np.zeros((count, n - 1, 2)), np.zeros((count, 0, n - 1, 2))
+        self.rate, self.failed = self.angle.copy(), np.zeros(count, bool)
+        self._totals: Any = record_array(count, LoopReport)
+        self._noted = np.zeros(count, np.int64)  # unconverged steps that the simulations know of
+        self._calls, self._values = np.zeros((count, 2), np.int64), np.zeros(count, np.int64)
+        self._in_place: list[tuple[StepsInPlace, BoundCall] | None] = [None] * count
+        self._goes_on = np.zeros(count, bool)
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._threads = threads
+        for i in range(count):
+            self._look(i)
+
+    @property
+    def unconverged(self) -> Array:
+        """Steps that did not converge since the last reset, (N,)."""
+        return np.asarray(self._noted + self._totals['unconverged'])
+
+    def advance(self, angle: Array, rate: Array, rows: Array | None = None) -> None:
+        """
+        Take as many steps as there are references, as `Simulation.advance` does.
+
+        Parameters
+        ----------
+        angle, rate : ndarray, shape (N, steps, n-1, 2)
+            Joint references of every simulation [rad], [rad/s].
+        rows : ndarray of int, shape (k,), optional
+            Which of the simulations; default: all.
+
+        """
+        if angle.shape != self.angle.shape:
+            for i in np.flatnonzero(self._goes_on):
+                self.simulation(int(i))
+            self.angle, self.rate = np.empty(angle.shape), np.empty(angle.shape)
+        self.angle[...], self.rate[...] = angle, rate
+        rows = np.arange(len(self.q)) if rows is None else np.asarray(rows)
+        self._values[rows] = 0
+        going = rows[self._goes_on[rows]]
+        if self._pool:
+            parts = [part for part in np.array_split(going, self._threads) if len(part)]
+            list(self._pool.map(self._call, parts))
+        else:
+            self._call(going)
+        for i in rows[self._values[rows] != 1]:
+            self._advance_alone(int(i))
+
+    def simulation(self, i: int) -> Simulation:
+        """Return a simulation, with which one may do everything before the next call."""
+        simulation, total = self._simulations[i], self._totals[i : i + 1]
+        if found := self._in_place[i]:
+            place = found[0]
+            if steps := int(total['steps'][0]):
+                simulation.step_count += steps
+                rest = place.level, place.left
+                last = as_report(place.steps.report[0], self.torque[i].copy(), place.dt, *rest)
+                both = as_report(total[0], last.joint_torque, place.dt, *rest)
+                simulation.last = last
+                simulation.report += both
+            total[:] = np.zeros(1, total.dtype)
+            self._in_place[i], self._goes_on[i] = None, False
+        self._noted[i] = simulation.report.unconverged
+        return simulation
+
+    def now(self, i: int) -> tuple[Scene, State, History]:
+        """Return scene, state and history of a simulation, to be read."""
+        simulation, found = self._simulations[i], self._in_place[i]
+        if not found:
+            return simulation.scene, simulation.state, simulation.history
+        steps, end = found[0].steps, found[0].end
+        return simulation.scene, end.state(steps), end.history(steps)
+
+    def put(self, i: int, simulation: Simulation) -> None:
+        """Put a simulation in the place of another one, or one that has changed."""
+        self.simulation(i)
+        self._simulations[i] = simulation
+        self._noted[i] = simulation.report.unconverged
+        self._look(i)
+
+    def _call(self, rows: Array) -> None:
+        """Let simulations go on in place."""
+        call_each(self._calls, rows, self._values)
+
+    def _advance_alone(self, i: int) -> None:
+        """Let a simulation take steps by itself."""
+        simulation = self.simulation(i)
+        simulation.advance(self.angle[i], self.rate[i])
+        self._look(i)
+        if not COMPILES or simulation.pushes or simulation.budget.share:
+            return
+        place = simulation.go_on_in_place(self.angle.shape[1])
+        if not place:
+            return
+        # What was handed out before may change no more.
+        place.given_state = place.given_history = None
+        place.steps.pushes.clock[0] = simulation.step_count
+        going = Going(
+            place.loop.code, np.array([block.address for block in place.loop.blocks]),
+            place.following, place.pause_ends, place.dt, place.block, place.before,
+            place.applied, self.angle[i], self.rate[i], self.torque[i],
+            self._totals[i : i + 1], place.end.shown(place.steps, self.q[i], self.u[i]),
+        )  # fmt: skip
+        call = BoundCall(go_on, Block(going))
+        self._in_place[i], self._goes_on[i] = (place, call), True
+        self._calls[i] = call.code, call.blocks[0].address
+
+    def _look(self, i: int) -> None:
+        """Take over state and torques of a simulation."""
+        simulation = self._simulations[i]
+        state, self.failed[i] = simulation.state, bool(simulation.report.failure)
+        self.q[i], self.u[i], self.torque[i] = state.q, state.u, simulation.last.joint_torque
+        self._noted[i] = simulation.report.unconverged

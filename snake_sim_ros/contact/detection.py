@@ -346,9 +346,7 @@ def find_world_contacts_of_sphere(
 
 
 @inlined
-def find_world_contacts_of_capsule(
-    world: Surroundings, search: Search, c: int, count: int
-) -> int:
+def find_world_contacts_of_capsule(world: Surroundings, search: Search, c: int, count: int) -> int:
     """Do the same for the interior of capsule c, which hides no floor."""
     pose, capsules = search.pose, search.pose.robot.capsules
     i, radius = capsules.link[c], capsules.radius[c]

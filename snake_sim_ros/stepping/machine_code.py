@@ -45,7 +45,7 @@ FORMS = (
     ('obstacle_aided', 'paper'),
     ('lateral_undulation', 'paper'),
     ('patches', 'bdf2'),  # in the plane; pegs are in space with this method
-    ('stairs', 'newton'),  # what is around the steps in a world; the steps are those among obstacles
+    ('stairs', 'newton'),  # steps among obstacles; in a world there is more around them
 )
 
 

@@ -10,7 +10,7 @@ of a curve with radius r are at most ``sqrt(8 r SAG)`` long, so that it is met w
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,12 +25,63 @@ SEARCH = 0.5  # how far along the path from the last place the next one is looke
 
 
 class Place(NamedTuple):
-    """A place on a path, and how far a point is off it."""
+    """A place on a path, and how far a point is off it; of several paths, arrays."""
 
-    arc: float  # arc length from the begin of the path; below 0 or beyond its length outside [m]
-    cross_track: float  # cross-track error, positive if the point is to the left [m]
-    direction: float  # of the path, counterclockwise from the x axis [rad]
-    curvature: float  # positive to the left [1/m]
+    arc: Any  # arc length from the begin of the path; below 0 or beyond its length outside [m]
+    cross_track: Any  # cross-track error, positive if the point is to the left [m]
+    direction: Any  # of the path, counterclockwise from the x axis [rad]
+    curvature: Any  # positive to the left [1/m]
+
+
+class Pieces(NamedTuple):
+    """The straight pieces of a path or, with the same number of pieces, of several paths."""
+
+    begin: Array  # (..., k-1, 2) [m, frame I]
+    way: Array  # (..., k-1, 2) from there to the end [m]
+    length: Array  # (..., k-1) [m]
+    arc: Array  # (..., k) arc lengths of the begins, and of the end of the path [m]
+    direction: Array  # (..., k) there, as in `PlanarPath` [rad]
+
+    def nearest(self, point: Array, arc: Array | None = None, closed: bool = False) -> Place:
+        """Return the places nearest to points (..., 2), as `PlanarPath.nearest` does."""
+        from_begin, total = point[..., None, :] - self.begin, self.arc[..., -1]
+        share = (from_begin * self.way).sum(axis=-1) / self.length**2
+        held = np.clip(share, 0.0, 1.0)
+        apart = from_begin - held[..., None] * self.way
+        off = np.hypot(apart[..., 0], apart[..., 1])
+        if arc is not None:
+            away = self.arc[..., :-1] + held * self.length - arc[..., None]
+            if closed:
+                away -= total[..., None] * np.round(away / total[..., None])
+            else:
+                away -= (np.minimum(np.maximum(arc, 0.0), total) - arc)[..., None]
+            off = np.where(np.abs(away) > SEARCH + self.length, math.inf, off)
+        k = off.argmin(axis=-1)
+        rows = np.indices(k.shape, sparse=True)
+        here, end = (*rows, k), (*rows, k + 1)
+        s, length, way, at = held[here], self.length[here], self.way[here], from_begin[here]
+        bend = self.direction[end] - self.direction[here]
+        direction, curvature = self.direction[here] + s * bend, bend / length
+        side = way[..., 0] * at[..., 1] - way[..., 1] * at[..., 0]
+        cross = np.copysign(off[here], side)
+        if not closed:
+            # On the straight continuation beyond an end.
+            last = off.shape[-1] - 1
+            share = share[here]
+            is_beyond = ((k == 0) & (share < 0.0)) | ((k == last) & (share > 1.0))
+            s, curvature = np.where(is_beyond, share, s), np.where(is_beyond, 0.0, curvature)
+            cross = np.where(is_beyond, side / length, cross)
+        return Place(self.arc[here] + s * length, cross, direction, curvature)
+
+    def ahead(self, arc: Array) -> Array:
+        """Return the directions at arc lengths (...) of open paths, (...) [rad]."""
+        inside = np.clip(arc, 0.0, self.arc[..., -1])
+        k = np.minimum((self.arc <= inside[..., None]).sum(axis=-1), self.arc.shape[-1] - 1) - 1
+        rows = np.indices(k.shape, sparse=True)
+        here, end = (*rows, k), (*rows, k + 1)
+        share = (inside - self.arc[here]) / self.length[here]
+        begin = self.direction[here]
+        return np.asarray(begin + share * (self.direction[end] - begin))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +111,10 @@ class PlanarPath:
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     @cached_property
-    def pieces(self) -> tuple[Array, Array]:
-        """Ways from each point to the next one (k-1, 2), and their lengths (k-1,) [m]."""
-        return np.diff(self.points, axis=0), np.diff(self.arc)
+    def pieces(self) -> Pieces:
+        """The straight pieces between the points."""
+        way, length = np.diff(self.points, axis=0), np.diff(self.arc)
+        return Pieces(self.points[:-1], way, length, self.arc, self.direction)
 
     @classmethod
     def of(cls, following: Following) -> 'PlanarPath':
@@ -171,28 +223,9 @@ class PlanarPath:
             that a path may cross itself. By default, it is looked for everywhere.
 
         """
-        point, arcs, last = np.asarray(point, dtype=float), self.arc, len(self.points) - 2
-        begin, (way, length) = self.points[:-1], self.pieces
-        share = ((point - begin) * way).sum(axis=1) / length**2
-        held = np.clip(share, 0.0, 1.0)
-        off = np.hypot(*(point - begin - held[:, None] * way).T)
-        if arc is not None:
-            away = arcs[:-1] + held * length - arc
-            if self.closed:
-                away -= self.length * np.round(away / self.length)
-            else:
-                away -= min(max(arc, 0.0), self.length) - arc
-            off[np.abs(away) > SEARCH + length] = math.inf
-        k = int(off.argmin())
-        s, bend = float(held[k]), float(self.direction[k + 1] - self.direction[k])
-        direction, curvature = float(self.direction[k]) + s * bend, bend / float(length[k])
-        side = way[k, 0] * (point - begin[k])[1] - way[k, 1] * (point - begin[k])[0]
-        cross = math.copysign(float(off[k]), float(side))
-        is_beyond = (k == 0 and share[k] < 0.0) or (k == last and share[k] > 1.0)
-        if is_beyond and not self.closed:
-            # On the straight continuation beyond an end.
-            s, curvature, cross = float(share[k]), 0.0, float(side / length[k])
-        return Place(float(arcs[k] + s * length[k]), cross, direction, curvature)
+        at = None if arc is None else np.asarray(arc, dtype=float)
+        found = self.pieces.nearest(np.asarray(point, dtype=float), at, self.closed)
+        return Place(*map(float, found))
 
 
 @lru_cache(maxsize=16)

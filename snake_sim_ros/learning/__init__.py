@@ -19,17 +19,19 @@ from snake_sim_ros.learning.vector import SnakeVectorEnv
 __all__ = ['ENVIRONMENTS', 'PolicyController', 'Randomization', 'SnakeEnv', 'SnakeVectorEnv']
 
 EPISODE = 500  # control periods of an episode: 20 s at 25 Hz
+# References of a gait are smooth, so that few large steps are as accurate as many small ones.
+GAIT = {'action': 'gait', 'method': 'bdf2', 'dt': 1 / 50}
 # Name -> arguments of `SnakeEnv`.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    'snake_sim_ros/Forward-v0': {'task': 'forward'},
-    'snake_sim_ros/Goal-v0': {'task': 'goal', 'action': 'gait'},
-    'snake_sim_ros/Path-v0': {'task': 'path', 'action': 'gait'},
+    'snake_sim_ros/Forward-v0': {'task': 'forward', 'dt': 1 / 500},
+    'snake_sim_ros/Goal-v0': {'task': 'goal', **GAIT},
+    'snake_sim_ros/Path-v0': {'task': 'path', **GAIT},
     'snake_sim_ros/Pegs-v0': {
         'task': 'forward',
         'scene': 'obstacle_aided',
         'action': 'residual',
     },
-    'snake_sim_ros/Sidewinding-v0': {'task': 'goal', 'scene': 'sidewinding', 'action': 'gait'},
+    'snake_sim_ros/Sidewinding-v0': {'task': 'goal', 'scene': 'sidewinding', **GAIT},
 }
 
 for name, values in ENVIRONMENTS.items():

@@ -42,9 +42,11 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
         Whether the forces on the links are measured.
     rate : float, optional
         Actions a second [Hz].
+    method : str, optional
+        ``newton``, or ``bdf2`` for steps of 1/50 s: with smooth references, such as those of
+        actions of a gait, these are several times as fast.
     dt : float, optional
-        Time step [s], of `newton`: where actions are as rough as those of an agent that begins to
-        learn, its short steps take less time than the long ones of `bdf2`.
+        Time step [s], which divides the time between actions.
     energy_price : float, optional
         Reward that a joule costs [1/J].
     randomization : Randomization or mapping, optional

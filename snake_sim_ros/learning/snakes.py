@@ -19,6 +19,7 @@ from snake_sim_ros.learning.actions import KINDS
 from snake_sim_ros.learning.tasks import Motion, TASKS
 from snake_sim_ros.scene.checked_records import nearest, ParameterError, scaled
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in, with_settings
+from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.batch import Batch
 from snake_sim_ros.stepping.controlled import command_effort
 from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
@@ -106,7 +107,8 @@ class Snakes:
         How many snakes there are.
     threads : int
         Threads that share them in a step.
-    task, scene, values, action, axes, contacts, rate, dt, energy_price, randomization, render_mode
+    task, scene, values, action, axes, contacts, rate, method, dt, energy_price, randomization, \
+    render_mode
         As of `environment.SnakeEnv`.
 
     Attributes
@@ -120,7 +122,7 @@ class Snakes:
         self, count: int, threads: int = 1, task: str = 'forward', *,
         scene: Any = 'lateral_undulation', values: Mapping[str, Any] | None = None,
         action: str = 'angles', axes: str = 'auto', contacts: bool = False, rate: float = 25.0,
-        dt: float = 1e-3, energy_price: float = 0.01,
+        method: str = 'newton', dt: float = 1e-3, energy_price: float = 0.01,
         randomization: Randomization | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:  # fmt: skip
@@ -138,7 +140,11 @@ class Snakes:
         if not 0.0 < rate < math.inf:
             raise ParameterError(f'rate must be above 0 Hz and finite, got {rate}')
         loaded = scene if isinstance(scene, Scene) else load_scene(scene)
-        usual = {'dt': dt, 'method': 'newton', 'accuracy': 0.0}
+        usual: dict[str, Any] = {'dt': dt, 'method': method, 'accuracy': 0.0}
+        if method == 'bdf2':
+            # Robots that learn leave the plane again and again; a change of level takes as long
+            # as several periods of large steps.
+            usual |= {'level': 'spatial', 'solver.residual_tolerance': RESIDUAL}
         loaded = with_settings(loaded, {**usual, **(values or {})})
         if action == 'torques':
             still = dict.fromkeys((f'robot.{name}' for name in GAINS), 0.0)

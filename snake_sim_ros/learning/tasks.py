@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from snake_sim_ros.controllers.paths import Place, PlanarPath
+from snake_sim_ros.controllers.paths import PIECES, Pieces, PlanarPath
 from snake_sim_ros.scene.parameters import Array
 
 NEAREST, FARTHEST = 0.7, 2.5  # of goals [m]
@@ -22,6 +22,7 @@ REACHED = 0.15  # distance at which a goal is reached [m]
 BONUS = 1.0  # reward of a goal
 TURNS = 0.6  # largest change of direction from one point of a path to the next [rad]
 POINTS, APART = 6, 1.0  # of a path, and the way from one to the next [m]
+EACH = 31  # of the points of a spline is one of the path: every 4 cm, within 0.2 mm of the curve
 LOOKAHEAD = 0.5  # along the path, where the direction to take is looked up [m]
 
 
@@ -149,37 +150,38 @@ class Path:
     bound = np.array([1.0, 1.0, 5.0])
 
     def __init__(self, count: int) -> None:
-        self.paths: list[PlanarPath | None] = [None] * count
-        self.arc, self.cross_track, self.ahead, self.length = np.zeros((4, count))
+        k = len(range(0, PIECES, EACH))
+        begin, way = np.zeros((2, count, k - 1, 2))
+        arc, direction = np.zeros((2, count, k))
+        self.pieces = Pieces(begin, way, np.ones((count, k - 1)), arc, direction)
+        self.arc, self.cross_track = np.zeros((2, count))
 
     def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
         """Draw a path."""
         turns = draws.uniform(-TURNS, TURNS, POINTS - 1)
         course = motion.heading + np.concatenate([[0.0], np.cumsum(turns)])
         steps = APART * np.column_stack([np.cos(course), np.sin(course)])
-        path = PlanarPath.spline(motion.place + np.cumsum(np.vstack([[0, 0], steps]), axis=0))
-        self.paths[row], self.length[row] = path, path.length
-        self._find(row, path, path.nearest(motion.place))
+        points = motion.place + np.cumsum(np.vstack([[0, 0], steps]), axis=0)
+        path = PlanarPath.spline(points)
+        path = PlanarPath(path.points[::EACH], path.direction[::EACH])
+        for array, part in zip(self.pieces, path.pieces, strict=True):
+            array[row] = part
+        place = path.nearest(motion.place)
+        self.arc[row], self.cross_track[row] = place.arc, place.cross_track
 
     def command(self, motion: Motion) -> Array:
         """Return the directions of the paths ahead from the headings, and cross-track errors."""
-        return directed(self.ahead - motion.heading, self.cross_track)
+        ahead = self.pieces.ahead(self.arc + LOOKAHEAD)
+        return directed(ahead - motion.heading, self.cross_track)
 
     def progress(self, before: Motion, now: Motion) -> tuple[dict[str, Array], Array]:
         """Return the gained arc lengths, and the ends of the paths as done."""
-        last = self.arc.copy()
-        for row, path in enumerate(self.paths):
-            if path:
-                self._find(row, path, path.nearest(now.place[row], last[row]))
-        covered = self.arc - last
+        place = self.pieces.nearest(now.place, self.arc)
+        covered = place.arc - self.arc
+        self.arc, self.cross_track = place.arc, place.cross_track
         off = np.minimum(np.abs(self.cross_track) / LOOKAHEAD, 1.0)
         terms = {'covered': covered, 'cross_track': -off * np.abs(covered)}
-        return terms, self.arc >= self.length
-
-    def _find(self, row: int, path: PlanarPath, place: Place) -> None:
-        """Note where a robot is on its path."""
-        self.arc[row], self.cross_track[row] = place.arc, place.cross_track
-        self.ahead[row] = np.interp(place.arc + LOOKAHEAD, path.arc, path.direction)
+        return terms, self.arc >= self.pieces.arc[:, -1]
 
 
 TASKS: dict[str, Callable[[int], Task]] = {'forward': Forward, 'goal': Goal, 'path': Path}

@@ -9,6 +9,7 @@ would throw the robot. Its numbers are in physical units here; the environment h
 each.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 import math
 
@@ -35,7 +36,7 @@ YAW = (
 PITCH = (('pitch amplitude [rad]', 0.0, 0.4, 0.2), ('pitch phase [rad]', -math.pi, math.pi, 2.0))
 
 
-class Actions:
+class Actions(ABC):
     """
     A kind of action.
 
@@ -63,17 +64,17 @@ class Actions:
     high: Array
     state_labels: tuple[str, ...] = ()
 
+    @abstractmethod
     def start(self, row: int, scene: Scene) -> None:
         """Begin an episode of one robot."""
-        raise NotImplementedError
 
+    @abstractmethod
     def references(self, action: Array, begin: Array, period: float) -> References:
         """Take actions (count, k) at times (count,) [s]; return references of the period after."""
-        raise NotImplementedError
 
+    @abstractmethod
     def state(self) -> Array:
         """Return what agents cannot measure, but need to know, of these actions, (count, s)."""
-        raise NotImplementedError
 
     def efforts(self, action: Array) -> Array | None:
         """Return torques (count, n-1, 2) that act for the period [N m]; None: those of joints."""

@@ -53,7 +53,6 @@ from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import (
     CELLS,
-    contact_count,
     first_pair,
     first_peg,
     is_flat,
@@ -171,7 +170,7 @@ def make_obstacles(scene: Scene) -> Obstacles | None:
         pair_count=len(pairs),
         pairs=np.array(pairs, dtype=int).reshape(-1, 2),
         patches=make_patches(scene),
-        world=make_surroundings(scene, contact_count(scene)),
+        world=make_surroundings(scene),
     )
 
 

@@ -101,11 +101,6 @@ def fill_geometry(
         grip[a] = world.grip[world.touched.items[k, 2]]
 
 
-def surroundings_of(scene: Scene) -> Surroundings:
-    """Return the solids of the world of a scene."""
-    return make_surroundings(scene, contact_count(scene))
-
-
 def world_geometry(
     scene: Scene, q: Array, world: Surroundings | None = None
 ) -> tuple[Array, Array, Array, Array]:
@@ -114,13 +109,13 @@ def world_geometry(
 
     The first three are those of `obstacles.contact_geometry`, for coordinates q (n, 7); of other
     contacts, and of those with gaps beyond `NEARBY`, the gap is infinite. Who calls often may give
-    the `surroundings_of` the scene.
+    what `make_surroundings` returns.
     """
     count, chain = contact_count(scene), scene.robot.chain
     gap, lever, frame = np.full(count, np.inf), np.zeros((count, 3)), np.zeros((count, 3, 3))
     grip, R = np.ones(count), rotation_matrices(q[:, 3:])
     shapes = chain.spheres, chain.capsules
-    world = world or surroundings_of(scene)
+    world = world or make_surroundings(scene)
     fill_world_geometry(world, shapes, q, R, gap, (lever, frame, grip))
     return gap, lever, frame, grip
 
@@ -137,7 +132,8 @@ def lift_out_of_world(scene: Scene, q: Array) -> float:
         If there is no such place.
 
     """
-    chain, world, meshes = scene.robot.chain, surroundings_of(scene), solids_of(scene.world).meshes
+    chain, world = scene.robot.chain, make_surroundings(scene)
+    meshes = solids_of(scene.world).meshes
     moving, lift = q.copy(), 0.0
     centers, radius = sphere_centers(scene.robot, q), float(chain.spheres.radius.min())
     for _ in range(MOST_LIFTS):

@@ -63,7 +63,7 @@ from snake_sim_ros.contact.shapes import (
 )
 from snake_sim_ros.dynamics.compilation import inlined, linked
 from snake_sim_ros.dynamics.spatial_vectors import Three
-from snake_sim_ros.scene.obstacles import OF_CAPSULE, OF_SPHERE
+from snake_sim_ros.scene.obstacles import contact_count, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.world import Solids, solids_of, World
 
@@ -127,9 +127,10 @@ class Surroundings(NamedTuple):
 # ---- making -------------------------------------------------------------------------------------
 
 
-def make_surroundings(scene: Scene, contacts: int) -> Surroundings:
-    """Return the world of a scene that has some number of contacts; it may have no solids."""
+def make_surroundings(scene: Scene) -> Surroundings:
+    """Return the world of a scene; it may have no solids."""
     spheres, capsules = scene.robot.chain.spheres, scene.robot.chain.capsules
+    contacts = contact_count(scene)
     inward = np.zeros((len(spheres.link), 3))
     for s, place in enumerate(spheres.place):
         for c in np.flatnonzero(capsules.link == spheres.link[s]):

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.contact.placing import surroundings_of, world_geometry
-from snake_sim_ros.contact.surroundings import Surroundings
+from snake_sim_ros.contact.placing import world_geometry
+from snake_sim_ros.contact.surroundings import make_surroundings, Surroundings
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import axis_z, carried_place
 from snake_sim_ros.scene.chain import Spheres
@@ -89,7 +89,7 @@ def sampled_forces(
     spheres = scene.robot.chain.spheres
     forces_of_ground(spheres, acted, (impulse, span), (sample, number), points, forces)
     others = number >= len(spheres.link)
-    world = surroundings_of(scene) if scene.world else None
+    world = make_surroundings(scene) if scene.world else None
     for m in np.unique(sample[others]):
         here = np.flatnonzero(others & (sample == m))
         touching = number[here]
@@ -133,7 +133,7 @@ def add_viscous_forces(
     """
     sample, number = loaded
     floor, ground = scene.friction, number < first_peg(scene)
-    world = surroundings_of(scene) if scene.world else None
+    world = make_surroundings(scene) if scene.world else None
     for m in np.unique(sample[ground]):
         here = np.flatnonzero(ground & (sample == m))
         links = contact_links(scene)[number[here], 0]

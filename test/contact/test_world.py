@@ -10,8 +10,8 @@ from obstacle_scenes import each_method
 import pytest
 
 from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Start
-from snake_sim_ros.contact.placing import depth_of_robot, surroundings_of, world_geometry
-from snake_sim_ros.contact.surroundings import NEARBY
+from snake_sim_ros.contact.placing import depth_of_robot, world_geometry
+from snake_sim_ros.contact.surroundings import make_surroundings, NEARBY
 from snake_sim_ros.scene.chain import roll_pitch_yaw
 from snake_sim_ros.scene.obstacles import contact_count, first_peg, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import (
@@ -75,7 +75,7 @@ def touching(world, center, along=(1.0, 0.0, 0.0), robot=BALL):
 
 def depth(world, center, along=(1.0, 0.0, 0.0), robot=BALL):
     """Return how deep one link is in a world [m]."""
-    world, chain = surroundings_of(scene_of(world, robot)), robot.chain
+    world, chain = make_surroundings(scene_of(world, robot)), robot.chain
     return depth_of_robot(world, chain.spheres, chain.capsules, at(center, along))
 
 
@@ -370,7 +370,7 @@ def test_robots_start_beside_all_solids():
     for world in (crate, World(stairs=(Stairs(start=(0.3, 0.0, 0.0)),)), World(ramps=(Ramp(),))):
         scene = Scene(world=world)
         q, chain = initial_state(scene).q, scene.robot.chain
-        inside = depth_of_robot(surroundings_of(scene), chain.spheres, chain.capsules, q)
+        inside = depth_of_robot(make_surroundings(scene), chain.spheres, chain.capsules, q)
         assert inside <= 1e-10 and q[0, 2] > initial_coordinates(scene)[0, 2]
         above = with_settings(scene, {'start.height': 0.2})
         assert abs(initial_state(above).q[0, 2] - q[0, 2] - 0.2) < ROUNDING

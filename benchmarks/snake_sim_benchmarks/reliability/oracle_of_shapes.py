@@ -117,8 +117,7 @@ def largest_difference(kind: str, capsules: bool, pairs: int, seed: int) -> tupl
 
     rng = np.random.default_rng(seed)
     world, shapes = solids(kind, rng, max(1, pairs // OF_EACH))
-    surroundings = make_surroundings(Scene(world=world), 1)
-    assert surroundings is not None
+    surroundings = make_surroundings(Scene(world=world))
     request, worst, met = coal.DistanceRequest(), 0.0, 0
     request.gjk_tolerance, request.gjk_max_iterations = 1e-14, 10_000
     pieces = 12 if kind == 'wedge' else 1

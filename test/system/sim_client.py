@@ -66,7 +66,7 @@ class SimClient:
     def states_heard(self):
         """Return whether all state topics have messages; make a paused node publish them."""
         if not all(self.states) and self.process.count('physics ready') and self.is_paused():
-            self.reset()
+            self.graph.call(Trigger, self.service('reset'))
             self.graph.spin(0.05)
         return all(self.states)
 
@@ -89,8 +89,8 @@ class SimClient:
         assert self.commands.wait_for_all_acked(Duration(seconds=10)), 'no one took the command'
 
     def reset(self):
-        """Call ~/reset."""
-        return self.graph.call(Trigger, self.service('reset'))
+        """Call ~/reset, and wait for the messages of the state that it leads to."""
+        return self._and_messages('reset')[0]
 
     def pause(self, data):
         """Call ~/pause."""
@@ -98,16 +98,21 @@ class SimClient:
 
     def step(self):
         """Advance a paused node by one period; return its four messages."""
-        counts = [len(messages) for messages in self.states]
-        response = self.graph.call(Trigger, self.service('step'))
+        response, new = self._and_messages('step')
         assert response.success, response.message
-        self.graph.until(
-            lambda: all(len(m) > n for m, n in zip(self.states, counts, strict=True)),
-            'the messages of a step',
-        )
-        new = [messages[n:] for messages, n in zip(self.states, counts, strict=True)]
         assert [len(messages) for messages in new] == [1, 1, 1, 1]
         return [messages[0] for messages in new]
+
+    def _and_messages(self, service):
+        """Call a service; return its response and, if it took place, the messages after it."""
+        counts = [len(messages) for messages in self.states]
+        response = self.graph.call(Trigger, self.service(service))
+        if response.success:
+            self.graph.until(
+                lambda: all(len(m) > n for m, n in zip(self.states, counts, strict=True)),
+                f'the messages after {service}',
+            )
+        return response, [messages[n:] for messages, n in zip(self.states, counts, strict=True)]
 
     def advance_to(self, seconds):
         """Wait until a running node has reached a simulated time."""

@@ -85,12 +85,13 @@ def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None'
 
 def _compile(problem: 'Problem') -> None:
     """Compile what the scene needs, and its check, with a bar."""
-    from snake_sim_ros.commands.scenes import compile_first
+    from snake_sim_ros.stepping.simulation import Simulation
     from snake_sim_ros.studies.runs import scene_of
+    from snake_sim_ros.view.compile_bar import compile_with_bar
 
     for plan in [problem.plan(), problem.check_plan()][: 2 if problem.check else 1]:
         try:
-            compile_first(scene_of(plan, problem.present()[1]))
+            compile_with_bar(Simulation(scene_of(plan, problem.present()[1])))
         except ParameterError:  # other values may do
             continue
 

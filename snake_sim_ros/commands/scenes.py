@@ -10,7 +10,6 @@ import math
 from pathlib import Path
 import signal
 import sys
-import time
 from typing import Any
 
 from tqdm import tqdm
@@ -30,7 +29,6 @@ from snake_sim_ros.commands.options import (
     title_of,
     write_outputs,
 )
-from snake_sim_ros.nodes.compiling import Compiler, is_loaded, levels_of
 from snake_sim_ros.nodes.programs import missing_ros
 from snake_sim_ros.recording.recorded_runs import summary
 from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
@@ -44,7 +42,7 @@ from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import simulate, Simulation
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.studies.metrics import metrics_of_run
-from snake_sim_ros.view.compile_bar import LAYOUT
+from snake_sim_ros.view.compile_bar import compile_with_bar
 
 RATE = 100.0  # samples a second [Hz]
 LOOK = 0.1  # s between two looks at the compiler
@@ -98,7 +96,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _recorded(scene: Scene, rate: float, bag: Path | None, sensors: Sensors) -> Trajectory:
     """Return the trajectory of a scene, sampled at a rate [Hz]; show its progress, write a bag."""
-    compile_first(scene)
+    compile_with_bar(Simulation(scene))
     layout = '{percentage:3.0f} %|{bar}| {n:.2f} of {total:g} s, {remaining} left'
     with ExitStack() as stack:
         keep = _bag(stack, bag, scene, sensors, rate) if bag else None
@@ -144,25 +142,6 @@ def _later_interruption() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if waiting:
         raise KeyboardInterrupt
-
-
-def compile_first(scene: Scene) -> None:
-    """Compile the level that the gait of a scene begins with, with a bar unless it is there."""
-    simulation = Simulation(scene)
-    if is_loaded(lambda: simulation.compile(scene.gait)):
-        return
-    levels = levels_of(scene)[:1]
-    compiler = Compiler(scene, lambda _: simulation.compile(scene.gait), levels)
-    with tqdm(total=compiler.most[0], bar_format=LAYOUT, leave=False) as bar:
-        try:
-            compiler.start()
-            while not compiler.is_done:
-                time.sleep(LOOK)
-                bar.update(min(compiler.functions, bar.total) - bar.n)
-        finally:
-            compiler.end()
-    if compiler.error:
-        raise compiler.error
 
 
 # ---- demo ---------------------------------------------------------------------------------------

@@ -158,13 +158,14 @@ def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
 
 def _compile(study: 'Study') -> None:
     """Compile what the first row needs that can be run, with a bar."""
-    from snake_sim_ros.commands.scenes import compile_first
+    from snake_sim_ros.stepping.simulation import Simulation
     from snake_sim_ros.studies.runs import scene_of
+    from snake_sim_ros.view.compile_bar import compile_with_bar
 
     plan = study.plan()
     for row in study.rows():
         try:
-            compile_first(scene_of(plan, row.values))
+            compile_with_bar(Simulation(scene_of(plan, row.values)))
         except ParameterError:
             continue
         return

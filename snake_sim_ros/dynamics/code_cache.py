@@ -7,7 +7,8 @@ Numba notices a change in the file of a function, but not in a function that it 
 file, and it keeps the code of every installation apart. Here a folder is named after the contents
 of all modules in ROOMS and the versions of the compiler. Every installation of the same sources
 finds it, and whatever is in it is up to date. What comes from another package, such as the
-laboratory or a user's own method, is found by the contents of that package as well.
+laboratory or a user's own method, is found by the contents of that package as well. All that
+code depends on is in its path, so that there is no index of a function, as Numba has, to share.
 
 An installed package brings such a folder, SHIPPED, with what a start needs; see
 `stepping.machine_code`. It is only read. All code is for one kind of processor, PORTABLE, if this
@@ -15,12 +16,13 @@ one is of that kind, and gives the same bits on all of them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import fcntl
 from functools import cache
 import hashlib
 import os
 from pathlib import Path
+import pickle
 import platform
 import shutil
 import stat
@@ -29,15 +31,12 @@ import tempfile
 from typing import Any, ClassVar, IO
 
 import llvmlite
-from llvmlite.binding import get_host_cpu_features
+from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 import numba
 from numba.core import config
-from numba.core.caching import (
-    _CacheLocator,
-    CompileResultCacheImpl,
-    FunctionCache,
-    IndexDataCacheFile,
-)
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 import numpy as np
 
 from snake_sim_ros.dynamics.linked_code import is_linked, load_linked
@@ -49,6 +48,7 @@ OLDEST_NUMBA = 0, 60
 COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 SHIPPED = PACKAGE / 'machine_code'  # folders of machine code that came with the package
+SUFFIX = '.code'  # of a file of the code of a function
 MADE_FOR = 'made_for.txt'  # file in such a folder: what its code is for, as of `versions`
 # x86_64 with AVX2 and FMA, from 2013 on. Code for the very processor would be no faster, and among
 # pegs its bits depend on whether it has AVX-512.
@@ -66,6 +66,11 @@ def is_portable() -> bool:
 
 if is_portable():
     config.CPU_NAME, config.CPU_FEATURES = PORTABLE, ''
+
+
+def processor() -> str:
+    """Return for which processor code is compiled: for PORTABLE, or for this one."""
+    return config.CPU_NAME or f'{get_host_cpu_name()} {get_host_cpu_features().flatten()}'
 
 
 def versions() -> str:
@@ -91,6 +96,7 @@ def identity(places: Sequence[str] = ROOMS) -> str:
             digest.update(f'{name} {os.environ[name]}\n'.encode())
     for library in COMPILERS:
         digest.update(f'{library.__name__} {library.__version__}\n'.encode())
+    digest.update(f'{processor()}\n'.encode())
     paths = [PACKAGE / place for place in places]
     files = [[path] if path.suffix == '.py' else path.rglob('*.py') for path in paths]
     for path in sorted(path for found in files for path in found):
@@ -202,115 +208,108 @@ def why_compile() -> str:
 SHIPPED_FOLDER = None if config.DISABLE_JIT else shipped_folder()
 
 
-class Locator(_CacheLocator):  # type: ignore[misc]
-    """Says where the code of a function is: with its module, wherever that is installed."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.module = function.__module__
-        self.line = function.__code__.co_firstlineno
-        self._py_file = function.__code__.co_filename  # for warnings of Numba
-
-    def get_cache_path(self) -> str:
-        """Return the folder of the module."""
-        return str(FOLDER / self.module.rpartition('.')[0]) if FOLDER else ''
-
-    def get_source_stamp(self) -> str:
-        """Return nothing: the name of the folder says what the sources are."""
-        return ''
-
-    def get_disambiguator(self) -> str:
-        """Return what distinguishes functions of the same name in one module."""
-        return str(self.line)
-
-    @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> 'Locator':
-        """Return the locator of a function."""
-        return cls(py_func)
-
-
-class _Form(CompileResultCacheImpl):  # type: ignore[misc]
-    _locator_classes: ClassVar = [Locator]
-
-    def reduce(self, data: Any) -> tuple[Any, ...]:
-        """Return what is kept of compiled code, without its text, which names a folder."""
-        return tuple('' if isinstance(part, str) else part for part in super().reduce(data))
-
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Return compiled code from what is kept of it."""
-        if is_linked(payload):
-            return load_linked(target_context, payload)
-        return super().rebuild(target_context, payload)
-
-
-class CodeCache(FunctionCache):  # type: ignore[misc]
+def can_keep(function: Callable[..., Any]) -> bool:
     """
-    The cache of one function. Several processes may fill it at the same time.
+    Return whether code of a function can be found again by the sources of its module.
+
+    What it refers to from a function around it, and what is typed at a prompt, is in no source.
+    """
+    is_known = function.__module__.startswith(PACKAGE.name) or bool(
+        sources_of(function.__module__.partition('.')[0])
+    )
+    return bool(FOLDER or SHIPPED_FOLDER) and not function.__closure__ and is_known
+
+
+class CodeCache(_Cache):  # type: ignore[misc]
+    """
+    The machine code of one function: a file for each list of types of its arguments.
+
+    Several processes may fill it at the same time: a file is there as a whole or not at all.
 
     Attributes
     ----------
+    loaded : set of Path
+        The files that this process has loaded, of all functions.
     shares_work : bool
         Whether this process waits for functions that another one of these processes compiles at
         the moment. It cannot deadlock, because no function calls itself.
 
     """
 
-    _impl_class = _Form
-    shares_work = False
+    loaded: ClassVar[set[Path]] = set()
+    shares_work: ClassVar = False
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._lock: IO[str] | None = None
-        self._shipped: Any = None
-        if SHIPPED_FOLDER and function.__module__.startswith(PACKAGE.name):
-            self._shipped = IndexDataCacheFile(
-                str(SHIPPED_FOLDER / Path(self.cache_path).name), self._impl.filename_base, ''
-            )
+        self.function = function
+        self._lock: IO[bytes] | None = None
 
-    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        """
-        Return the key of Numba, with the contents of other packages that take part.
+    @property
+    def cache_path(self) -> str:
+        """The folder, see `numba.core.caching`."""
+        return str(FOLDER)
 
-        Types are in it as text: an index of types could only be read where all packages that have
-        ever taken part can be imported.
+    def enable(self) -> None:
+        """Do nothing: it is a cache from the beginning."""
+
+    disable = flush = enable
+
+    def file_of(self, types: Any) -> Path:
         """
-        modules = {self._py_func.__module__, *(name for kind in sig for name in modules_of(kind))}
+        Return the path, below the folder of the sources, of the code for some types of arguments.
+
+        The contents of other packages that take part are in its name.
+        """
+        module, code = self.function.__module__, self.function.__code__
+        modules = {module, *(name for kind in types for name in modules_of(kind))}
         others = {name.partition('.')[0] for name in modules} - {PACKAGE.name}
-        _, *code = super()._index_key(sig, codegen)
-        return (str(sig), *sorted(modules), *code, *map(sources_of, sorted(others)))
+        key = [str(types), *sorted(modules), *map(sources_of, sorted(others))]
+        digest = hashlib.sha256('\n'.join(key).encode()).hexdigest()[:16]
+        room, _, file = module.rpartition('.')
+        name = f'{file}.{self.function.__qualname__}-{code.co_firstlineno}'
+        return Path(room) / f'{name}-{digest}{SUFFIX}'
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(self, types: Any, context: Any) -> Any:
         """
         Return the code for some types of arguments, or None: this process compiles it.
 
         The cache of Numba first initializes its whole compiler, which imports SciPy and takes
         longer than anything else at a start. What is only loaded needs none of it.
         """
-        found = self._load_overload(sig, target_context)
-        if found is None and self.shares_work and self._lock is None:
-            types = hashlib.sha256(str(sig).encode()).hexdigest()[:16]
-            path = Path(self.cache_path) / f'{self._impl.filename_base}-{types}.lock'
+        file = self.file_of(types)
+        found = self._load(file, context)
+        if found is None and self.shares_work and FOLDER and self._lock is None:
+            path = (FOLDER / file).with_suffix('.lock')
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = path.open('w')
+            self._lock = path.open('wb')
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-            found = self._load_overload(sig, target_context)
+            found = self._load(file, context)
             if found is not None:
                 self.unlock()
         return found
 
-    def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for some types that came with the package or is in the user's folder."""
-        if self._shipped:
-            data = self._shipped.load(self._index_key(sig, target_context.codegen()))
-            if data is not None:
-                return self._impl.rebuild(target_context, data)
-        return super()._load_overload(sig, target_context) if FOLDER else None
+    def _load(self, file: Path, context: Any) -> Any:
+        """Return the code that came with the package or is in the user's folder, if any."""
+        for folder in filter(None, (SHIPPED_FOLDER, FOLDER)):
+            path = folder / file
+            with suppress(FileNotFoundError):
+                kept = pickle.loads(path.read_bytes())
+                self.loaded.add(path)
+                load = load_linked if is_linked(kept) else CompileResult._rebuild
+                return load(context, *kept)
+        return None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Save the code for some types of arguments, if they can be written."""
-        with suppress(OSError):  # There is no folder, it was deleted, or the disk is full.
-            # Numba reads the index of a function, and then writes it with one more.
-            with locked():
-                super().save_overload(sig, data)
+    def save_overload(self, types: Any, result: CompileResult) -> None:
+        """Save the code for some types of arguments, if it can be written."""
+        if FOLDER and not result.library.has_dynamic_globals:
+            path = FOLDER / self.file_of(types)
+            # The text of a function, which is of no use, names a folder.
+            kept = ['' if isinstance(part, str) else part for part in result._reduce()]
+            content = dumps(tuple(kept))
+            with suppress(OSError):  # The folder was deleted, or the disk is full.
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+                    file.write(content)
+                os.replace(file.name, path)
         self.unlock()
 
     def unlock(self) -> None:
@@ -318,13 +317,3 @@ class CodeCache(FunctionCache):  # type: ignore[misc]
         if self._lock:
             self._lock.close()
             self._lock = None
-
-
-@contextmanager
-def locked() -> Iterator[None]:
-    """Make other processes that write to the folder wait."""
-    if not FOLDER:
-        raise FileNotFoundError('there is no folder for compiled code')
-    with (FOLDER / 'lock').open('w') as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield

@@ -5,7 +5,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, update_wrapper
-import gc
 import operator
 import os
 import platform
@@ -32,7 +31,6 @@ from snake_sim_ros.dynamics.linked_code import LinkedCompiler
 COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
 # Others have no counter of cycles that a program may read: on ARM the instruction may end it.
 COUNTS_CYCLES = COMPILES and platform.machine() in ('x86_64', 'AMD64')
-PATIENT = 100_000, 20, 100  # thresholds of `gc` while the compiler works
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
 
 
@@ -161,41 +159,18 @@ def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any
 
 def _compiled(function: F, **options: Any) -> F:
     wrapper: F = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
-    if COMPILES and (code_cache.FOLDER or code_cache.SHIPPED_FOLDER):
+    if COMPILES and code_cache.can_keep(function):
         # As `enable_caching` of the wrapper does with the cache of Numba.
         vars(wrapper)['_cache'] = code_cache.CodeCache(function)
     return wrapper
 
 
-class _Patience(event.Listener):  # type: ignore[misc]
-    """Collects garbage less often: the compiler makes millions of objects that stay."""
-
-    def __init__(self) -> None:
-        self.depth, self.threshold = 0, gc.get_threshold()
-
-    def on_start(self, started: Any) -> None:
-        if self.depth == 0:
-            self.threshold = gc.get_threshold()
-            gc.set_threshold(*PATIENT)
-        self.depth += 1
-
-    def on_end(self, ended: Any) -> None:
-        self.depth -= 1
-        if self.depth == 0:
-            gc.set_threshold(*self.threshold)
-
-
-event.register('numba:compile', _Patience())
-
-
 class _Teller(event.Listener):  # type: ignore[misc]
-    def __init__(self, tell: Callable[[str], object], *, at_end: bool) -> None:
-        self.tell, self.at_end = tell, at_end
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self.tell = tell
 
     def on_start(self, started: Any) -> None:
         function = started.data['dispatcher']
-        if self.at_end:
-            return
         try:
             self.tell(function.py_func.__name__)
         except BaseException:
@@ -204,18 +179,17 @@ class _Teller(event.Listener):  # type: ignore[misc]
             raise
 
     def on_end(self, ended: Any) -> None:
-        if self.at_end:
-            self.tell(ended.data['dispatcher'].py_func.__name__)
+        pass
 
 
 @contextmanager
-def watched(tell: Callable[[str], object], *, at_end: bool = False) -> Iterator[None]:
+def watched(tell: Callable[[str], object]) -> Iterator[None]:
     """
-    Report the name of every function that is not in the cache, before or after it is compiled.
+    Report the name of every function that is not in the cache, before it is compiled.
 
-    It is not compiled if `tell` raises an error before.
+    It is not compiled if `tell` raises an error.
     """
-    with event.install_listener('numba:compile', _Teller(tell, at_end=at_end)):
+    with event.install_listener('numba:compile', _Teller(tell)):
         yield
 
 

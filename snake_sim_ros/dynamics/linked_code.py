@@ -82,7 +82,7 @@ def is_linked(kept: Any) -> bool:
     return bool(kept[0][1] == LINKED)
 
 
-def load_linked(context: Any, kept: Any) -> CompileResult:
+def load_linked(context: Any, *kept: Any) -> CompileResult:
     """Return a function as it was compiled, from what the cache keeps of it."""
     result = CompileResult._rebuild(_Loading(context), *kept)
     return result._replace(target_context=context)

@@ -20,13 +20,12 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import lower_getattr_generic
-from numba.core.types.containers import BaseTuple
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, models, register_model
 from numba.np.numpy_support import from_dtype
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, COMPILES, Dispatched
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES
 from snake_sim_ros.scene.parameters import Array
 
 WORD = ir.IntType(64)
@@ -129,16 +128,6 @@ class Block:
 def type_of(value: Any) -> Any:
     """Return the type of a value in compiled code, that of a record by its address."""
     return _type_of(_read(value, []))
-
-
-def type_of_record(record: Any) -> Any:
-    """Return the type of a record that compiled code makes of the fields of such a record."""
-    return made_type(type(record), *map(type_of, record))
-
-
-def made_type(cls: type, *kinds: Any) -> Any:
-    """Return the type of a record that compiled code makes of values of some types."""
-    return BaseTuple.from_types(kinds, cls)
 
 
 register_model(RecordType)(models.OpaqueModel)
@@ -301,13 +290,6 @@ def call_each(calls: Array, rows: Array, values: Array) -> None:
     """
     for i in rows:
         values[i] = call_code(calls[i, 0], (calls[i, 1],))
-
-
-def compile_call(function: Any, *kinds: Any) -> None:
-    """Compile a compiled or `Dispatched` function for a call with arguments of some types."""
-    if isinstance(function, Dispatched):
-        function = function.implementations[kinds[0].instance_class]
-    function.compile(kinds)
 
 
 class Loop:

@@ -255,7 +255,6 @@ class SimNode(Node):
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
         warnings += self.inbox.remarks() + self.handling.refusals.remarks()
         values = {
-            **(self.compiler.values if self.compiler else {}),
             'real_time_factor': f'{self.load.real_time_factor:.4g}',
             'processor': f'{self.load.processor:.3f}',
             'overruns': self.load.overruns,

@@ -11,7 +11,7 @@ that has the name of the sources and the compiler; see `dynamics.code_cache`. No
 machine goes with it. What is called by other compiled functions only stays behind: it is in them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import as_completed, ThreadPoolExecutor
 from contextlib import suppress
 import os
@@ -62,15 +62,6 @@ def compile_form(number: int) -> None:
     Simulation(scene_of(number)).compile()
 
 
-def loaded() -> Iterator[CodeCache]:
-    """Yield the caches of all functions whose code was loaded in this process."""
-    for name, module in list(sys.modules.items()):
-        if name.startswith(f'{__package__.partition(".")[0]}.'):
-            for function in vars(module).values():
-                if getattr(function, '_cache_hits', None):
-                    yield function._cache
-
-
 def keep_loaded(folder: Path) -> None:
     """Load everything, and copy it to the folder of these sources in another folder."""
     for number in range(len(FORMS)):
@@ -78,12 +69,10 @@ def keep_loaded(folder: Path) -> None:
     to = folder / identity()
     # Errors in functions of Numba name its files: of the same length, since lengths are kept.
     here = str(Path(numba.__file__).parents[1]).encode()
-    for cache in loaded():
-        room = to / Path(cache.cache_path).name
+    for path in CodeCache.loaded:
+        room = to / path.parent.name
         room.mkdir(parents=True, exist_ok=True)
-        for path in Path(cache.cache_path).glob(f'{cache._impl.filename_base}.*nb[ci]'):
-            content = path.read_bytes().replace(here, b'/' * len(here))
-            (room / path.name).write_bytes(content)
+        (room / path.name).write_bytes(path.read_bytes().replace(here, b'/' * len(here)))
     (to / MADE_FOR).write_text(f'{versions()}\n', encoding='utf-8')
 
 

@@ -170,7 +170,7 @@ def test_numbers_in_settings_are_written_as_usual(capsys):
 )
 def test_unusable_arguments_of_run(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(scenes, 'compile_first', lambda scene: pytest.fail('it compiled'))
+    monkeypatch.setattr(scenes, 'compile_with_bar', lambda _: pytest.fail('it compiled'))
     assert main(['run', *arguments]) == 2
     told = [line for line in capsys.readouterr().err.splitlines() if 'snake-sim: ' in line]
     assert len(told) == 1

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cache of compiled functions: one for all installations, private, and not growing."""
 
-import gc
 import os
 from pathlib import Path
 import shutil
@@ -12,12 +11,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from snake_sim_ros import Scene
 from snake_sim_ros.dynamics import code_cache
-from snake_sim_ros.dynamics.compilation import compiled, COMPILES, inlined, watched
+from snake_sim_ros.dynamics.compilation import compiled, COMPILES, watched
 from snake_sim_ros.scene import PACKAGE
-from snake_sim_ros.stepping.apart import function_counts
-from snake_sim_ros.stepping.simulation import LEVELS
 
 PROGRAM = """
 import sys
@@ -73,7 +69,7 @@ def test_what_came_with_the_package_is_loaded_and_never_written(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in shipped.rglob('*')}
     empty = tmp_path / 'empty'
     assert compiled_functions(empty, copy) == 0
-    assert not list(empty.rglob('*.nbc'))
+    assert not list(empty.rglob('*.code'))
     assert {path: path.stat().st_mtime_ns for path in shipped.rglob('*')} == before
     # It is of these sources only.
     (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
@@ -192,45 +188,7 @@ def test_what_refuses_to_compile_leaves_the_function_as_it_is(monkeypatch, tmp_p
 
     monkeypatch.setattr(code_cache.CodeCache, 'shares_work', True)
     function, beside = compiled(twice), compiled(twice)  # beside, as another process has it
-    thresholds = gc.get_threshold()
     with pytest.raises(Refused, match='twice'), watched(refuse):
         function(1.0)
     assert beside(1.0) == 2.0  # no lock is left
     assert function(1.0) == 2.0
-    assert gc.get_threshold() == thresholds
-
-
-def test_what_is_compiled_is_told_before_or_after_what_is_in_it(monkeypatch, tmp_path):
-    def names(at_end):
-        monkeypatch.setattr(code_cache, 'FOLDER', tmp_path / str(at_end))  # nothing is there yet
-        code_cache.FOLDER.mkdir()
-
-        @inlined
-        def inner(x):
-            """Return more than x."""
-            return x + 1.0
-
-        @compiled
-        def outer(x):
-            """Return more than x."""
-            return inner(x)
-
-        found = []
-        with watched(found.append, at_end=at_end):
-            assert outer(1.0) == 2.0
-        return found
-
-    assert names(at_end=False) == (['outer', 'inner'] if COMPILES else [])
-    assert names(at_end=True) == (['inner', 'outer'] if COMPILES else [])
-
-
-@pytest.mark.parametrize('level', LEVELS)
-def test_functions_are_counted_in_all_that_they_are_in(level):
-    counts = function_counts(Scene(method='bdf2', dt=0.01), level)
-    loop = max(counts, key=lambda name: counts[name])
-    assert loop == 'advance'
-    is_spatial = level == 'spatial'
-    assert ('take_bdf2_step' in counts) == is_spatial
-    assert ('take_bdf2_step_in_plane' in counts) != is_spatial
-    assert len(counts) <= counts[loop] < sum(counts.values())
-    assert min(counts.values()) == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros.dynamics.compilation import compiled
-from snake_sim_ros.dynamics.records import Block, BoundCall, type_of, type_of_record
+from snake_sim_ros.dynamics.records import Block, BoundCall, type_of
 
 
 class Inner(NamedTuple):
@@ -108,6 +108,3 @@ def test_a_type_is_that_of_the_fields_and_of_their_places():
     kind = type_of(outer())
     assert kind.places == [0, 1, 1 + 2 + 4, 1 + 6 + 1, 1 + 6 + 2]
     assert kind.size == 9 + 2
-    made = type_of_record(outer())
-    assert made.types[1] is type_of(outer().inner)
-    assert made.instance_class is Outer

@@ -62,7 +62,7 @@ def test_what_a_start_loads_is_all_that_a_package_needs(tmp_path):
     cache = tmp_path / 'cache'
     done = output(RUN, tmp_path, NUMBA_CACHE_DIR=str(cache))
     assert done.startswith('[] ')
-    assert not list(cache.rglob('*.nbc'))
+    assert not list(cache.rglob('*.code'))
     assert done == output(RUN)  # the same bits
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import re
 import shutil
 import signal
-import time
 from types import SimpleNamespace
 
 from graph import Graph
@@ -22,9 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from test_readme import blocks, README
 from test_tour import run, section
 
-from snake_sim_ros import Scene
 from snake_sim_ros.dynamics.code_cache import FOLDER
-from snake_sim_ros.nodes.compiling import Compiler
 from snake_sim_ros.nodes.sim_node import look_at_compiler, REPORT_PERIOD, SimNode
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
@@ -35,7 +32,7 @@ RATE = 'publish_rate:=50.0'  # a quarter of the messages
 WHOLE_CACHE = 300.0  # s for a level to be compiled on a busy machine
 PLANAR, SPATIAL = 'planar', 'spatial'
 WAITING = re.compile(
-    r'compiling, \d+ s so far.*: simulated time waits for the spatial level, since \w+'
+    r'compiling, \d+ s so far: simulated time waits for the spatial level, since \w+'
 )
 
 
@@ -46,11 +43,11 @@ def start(tmp_path, monkeypatch):
 
     def make(*missing, parameters=()):
         folder = tmp_path / 'snake_sim_ros' / FOLDER.name
-        # Other tests may be writing code there: numba renames a finished file from .tmp.
-        ignored = shutil.ignore_patterns('*.tmp.*', '*.lock')
+        # Other tests may be writing code there: a finished file gets the name of its function.
+        ignored = shutil.ignore_patterns('tmp*', '*.lock')
         shutil.copytree(FOLDER, folder, ignore=ignored, copy_function=os.symlink)
         for level in missing:
-            loops = (folder / 'snake_sim_ros.stepping').glob('steps.advance-*.nbc')
+            loops = (folder / 'snake_sim_ros.stepping').glob('steps.advance-*.code')
             is_planar = level == PLANAR  # the names of the types of a loop are in its code
             found = [path for path in loops if (b'PlanarModel' in path.read_bytes()) == is_planar]
             assert found
@@ -140,21 +137,6 @@ def test_a_wait_is_told_at_once_and_then_every_few_seconds():
     assert lines == pytest.approx([60.0 + REPORT_PERIOD * k for k in range(8)], abs=0.1 * 8)
 
 
-def test_the_rest_of_the_time_is_in_proportion(monkeypatch):
-    compiler = Compiler(Scene(), lambda level: None, ('planar', 'spatial'))
-    monkeypatch.setattr(Compiler, 'seconds', 30.0)
-    compiler.needed = 1
-    assert str(compiler) == 'compiling, 30 s so far'
-    compiler.functions = compiler.most[0] // 2
-    assert str(compiler).startswith('compiling, 30 s so far, about 30 s left')
-    # The spatial level takes half as long again, of which nothing is done.
-    compiler.loaded, compiler._before, compiler.needed = 1, compiler.functions, 2
-    assert str(compiler) == 'compiling, 30 s so far, about 45 s left'
-    assert compiler.outlook == 'planar level; spatial level in about 45 s'
-    compiler.functions += compiler.most[1]
-    assert str(compiler) == 'compiling, 30 s so far, about 0 s left'
-
-
 LINES = [
     line
     for block in blocks('sh', [section(README, '## Ten minutes with ROS 2')])
@@ -183,7 +165,6 @@ def check_a_node_without_physics(sim):
         assert not answer.success and answer.message.startswith('compiling, ')
     assert report.message.startswith('compiling, ') and report.level == b'\x01'
     assert waiting['steps'] == '0'
-    assert 0 <= int(waiting['functions_compiled']) <= int(waiting['functions']) > 50
     assert parameter.values[0].double_value == 50.0
     assert all(answer.success for answer in paused)
     assert nanoseconds(held) == 0
@@ -211,11 +192,7 @@ def test_the_readme_in_its_order_where_no_level_is_compiled(start):
         return is_told(sim)
 
     check_a_node_without_physics(sim)
-    ready = time.monotonic()
-    said = re.search(
-        r'physics ready after \S+ s: planar level; spatial level in about (\d+) s', process.output
-    )
-    assert said, process.output
+    assert process.count('s: planar level; spatial level is still being compiled')
     assert 'position:' in run(graph, echo)
     assert not is_told(sim)
     run(graph, command)
@@ -225,7 +202,6 @@ def test_the_readme_in_its_order_where_no_level_is_compiled(start):
     graph.drain(sim.joint_states)
     stood = sim.now
     graph.until(lambda: sim.now > stood, 'the spatial level', WHOLE_CACHE)
-    assert 1 / 3 < (time.monotonic() - ready) / float(said[1]) < 3.0
     process.wait_for('compiled planar, spatial level')
     told = re.findall(rf'\[(\S+)\] \[sim\]: {WAITING.pattern}', process.output)
     assert told and (np.diff([float(seconds) for seconds in told]) > REPORT_PERIOD - 0.5).all()

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The bar that `run` in Python shows while it compiles."""
+"""The count that `run` in Python shows while it compiles."""
 
 import pytest
 
@@ -25,4 +25,4 @@ def test_a_bar_is_shown_if_something_compiles(scene, tmp_path, monkeypatch, capf
 
     monkeypatch.setattr(simulation, 'compile', lambda *_, **__: begin_step(1.5))
     compile_with_bar(simulation)
-    assert 'compiling |' in capfd.readouterr().err
+    assert 'compiling for 00:00, ' in capfd.readouterr().err

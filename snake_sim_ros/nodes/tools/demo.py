@@ -32,7 +32,6 @@ START_TIMEOUT = 90.0  # s, for compiling and discovery
 STALL_TIMEOUT = 10.0  # s without a message
 PICTURE = 0.1  # s between two pictures of the bar
 LAYOUT = '{percentage:3.0f} %|{bar:10}| {desc}'
-FUNCTIONS = 'functions_compiled', 'functions'
 SUMMARY = (
     'method', 'real_time_factor', 'residual_max', 'iterations_per_step', 'unconverged_steps',
     'penetration_max', 'rejected_commands', 'overruns',
@@ -157,12 +156,9 @@ def _compiles(listener: StateListener) -> bool:
 
 
 def _show(bar: 'tqdm[Any]', listener: StateListener, middle: int) -> None:
-    """Show how far the gait is, and before it begins the compiler; say what the compiler does."""
+    """Show how far the gait is; say what the compiler does."""
     if listener.begin is not None:
         bar.n = min(bar.total, max(0.0, listener.times[-1] - listener.begin))
-    elif _compiles(listener):
-        done, most = (float(listener.values.get(key, 0)) for key in FUNCTIONS)
-        bar.n = bar.total * done / most if most else 0.0
     else:
         bar.n = 0.0
     if _compiles(listener):

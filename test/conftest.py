@@ -12,7 +12,7 @@ import pytest
 # NumPy heeds it while it is imported.
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
+from snake_sim_ros.dynamics.code_cache import Shelf
 
 FAST = 'pytest.mark.fast'  # what files of fast tests say
 
@@ -37,7 +37,7 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.option.loadscopereorder = False
-    CodeCache.shares_work = True  # with the other process of the tests
+    Shelf.shares_work = True  # with the other process of the tests
 
 
 def pytest_ignore_collect(collection_path, config):

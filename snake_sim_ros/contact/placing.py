@@ -19,6 +19,7 @@ from snake_sim_ros.contact.surroundings import (
 )
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import carried_in
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.obstacles import contact_count, OF_CAPSULE, OF_SPHERE, sphere_centers
@@ -32,7 +33,7 @@ MOST_LIFTS = 20_000
 BESIDE = 1.3e-7, 2.1e-7  # moves points so that edges and corners are above none of them [m]
 
 
-@compiled
+@entry
 def depth_of_robot(world: Surroundings, spheres: Spheres, capsules: Capsules, q: Array) -> float:
     """Return how deep a robot is in a world [m], 0 if it is beside; q has the shape (n, 7)."""
     return world_penetration(world, spheres, capsules, q)

@@ -15,14 +15,14 @@ An installed package brings such a folder, SHIPPED, with what a start needs; see
 one is of that kind, and gives the same bits on all of them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import fcntl
 from functools import cache
 import hashlib
+from importlib.metadata import version
 import os
 from pathlib import Path
-import pickle
 import platform
 import shutil
 import stat
@@ -30,22 +30,15 @@ import sys
 import tempfile
 from typing import Any, ClassVar, IO
 
-import llvmlite
 from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
-import numba
-from numba.core import config
-from numba.core.caching import _Cache
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
-import numpy as np
 
-from snake_sim_ros.dynamics.linked_code import is_linked, load_linked
 from snake_sim_ros.scene import PACKAGE
 
+DISABLED = os.environ.get('NUMBA_DISABLE_JIT', '0') not in ('', '0')  # nothing is compiled
 # Folders of all modules with compiled functions, and of the modules that these import.
 ROOMS = ('scene', 'dynamics', 'gaits', 'contact', 'stepping')
 OLDEST_NUMBA = 0, 60
-COMPILERS = (numba, llvmlite, np)  # libraries that determine the code
+COMPILERS = ('numba', 'llvmlite', 'numpy')  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 SHIPPED = PACKAGE / 'machine_code'  # folders of machine code that came with the package
 SUFFIX = '.code'  # of a file of the code of a function
@@ -64,20 +57,17 @@ def is_portable() -> bool:
     return all(features.get(name, False) for name in PORTABLE_NEEDS)
 
 
-if is_portable():
-    config.CPU_NAME, config.CPU_FEATURES = PORTABLE, ''
-
-
-def processor() -> str:
-    """Return for which processor code is compiled: for PORTABLE, or for this one."""
-    return config.CPU_NAME or f'{get_host_cpu_name()} {get_host_cpu_features().flatten()}'
+@cache
+def processor_name() -> str:
+    """Return the kind of processor that code is compiled for; empty for this very one."""
+    return os.environ.get('NUMBA_CPU_NAME', PORTABLE if is_portable() else '')
 
 
 def versions() -> str:
     """Return for what code is compiled in this process, as a clause."""
-    libraries = ', '.join(f'{library.__name__} {library.__version__}' for library in COMPILERS)
+    libraries = ', '.join(f'{library} {version(library)}' for library in COMPILERS)
     python = '.'.join(map(str, sys.version_info[:2]))
-    return f'Python {python}, {libraries} and {config.CPU_NAME or "this processor"}'
+    return f'Python {python}, {libraries} and {processor_name() or "this processor"}'
 
 
 def identity(places: Sequence[str] = ROOMS) -> str:
@@ -95,8 +85,9 @@ def identity(places: Sequence[str] = ROOMS) -> str:
         if name != 'NUMBA_CACHE_DIR':
             digest.update(f'{name} {os.environ[name]}\n'.encode())
     for library in COMPILERS:
-        digest.update(f'{library.__name__} {library.__version__}\n'.encode())
-    digest.update(f'{processor()}\n'.encode())
+        digest.update(f'{library} {version(library)}\n'.encode())
+    host = f'{get_host_cpu_name()} {get_host_cpu_features().flatten()}'
+    digest.update(f'{processor_name() or host}\n'.encode())
     paths = [PACKAGE / place for place in places]
     files = [[path] if path.suffix == '.py' else path.rglob('*.py') for path in paths]
     for path in sorted(path for found in files for path in found):
@@ -116,14 +107,6 @@ def sources_of(package: str) -> str:
     for path in sorted(file.parent.rglob('*.py')) if hasattr(module, '__path__') else [file]:
         digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
-
-
-def modules_of(kind: Any) -> Iterator[str]:
-    """Yield the modules of all classes of tuples in a type of Numba."""
-    if hasattr(kind, 'instance_class'):
-        yield kind.instance_class.__module__
-    for part in (*getattr(kind, 'kinds', ()), *getattr(kind, 'types', ())):
-        yield from modules_of(part)
 
 
 def cache_folder() -> Path | None:
@@ -177,13 +160,13 @@ def remove_old(folder: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-FOLDER = None if config.DISABLE_JIT else cache_folder()
+FOLDER = None if DISABLED else cache_folder()
 
 
 def shipped_folder() -> Path | None:
     """Return the folder of machine code that came with the package; None if there is none."""
     folder = SHIPPED / identity()
-    return folder if config.CPU_NAME == PORTABLE and folder.is_dir() else None
+    return folder if processor_name() == PORTABLE and folder.is_dir() else None
 
 
 def why_compile() -> str:
@@ -192,9 +175,10 @@ def why_compile() -> str:
 
     It is an old compiler, or machine code that came with the package and is of no use.
     """
-    if numba.version_info.short < OLDEST_NUMBA:
+    numba = version('numba')
+    if tuple(map(int, numba.split('.')[:2])) < OLDEST_NUMBA:
         return (
-            f'numba {numba.__version__} compiles each scene for minutes: install numba '
+            f'numba {numba} compiles each scene for minutes: install numba '
             f'{".".join(map(str, OLDEST_NUMBA))} or newer'
         )
     made_for = sorted(SHIPPED.glob(f'*/{MADE_FOR}'))
@@ -205,24 +189,12 @@ def why_compile() -> str:
     return f'the package brings machine code for {known}, {missing}: it is compiled now'
 
 
-SHIPPED_FOLDER = None if config.DISABLE_JIT else shipped_folder()
+SHIPPED_FOLDER = None if DISABLED else shipped_folder()
 
 
-def can_keep(function: Callable[..., Any]) -> bool:
+class Shelf:
     """
-    Return whether code of a function can be found again by the sources of its module.
-
-    What it refers to from a function around it, and what is typed at a prompt, is in no source.
-    """
-    is_known = function.__module__.startswith(PACKAGE.name) or bool(
-        sources_of(function.__module__.partition('.')[0])
-    )
-    return bool(FOLDER or SHIPPED_FOLDER) and not function.__closure__ and is_known
-
-
-class CodeCache(_Cache):  # type: ignore[misc]
-    """
-    The machine code of one function: a file for each list of types of its arguments.
+    The machine code of one function on disk: a file for each list of kinds of its arguments.
 
     Several processes may fill it at the same time: a file is there as a whole or not at all.
 
@@ -237,79 +209,77 @@ class CodeCache(_Cache):  # type: ignore[misc]
     """
 
     loaded: ClassVar[set[Path]] = set()
-    shares_work: ClassVar = False
+    shares_work: ClassVar[bool] = False
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
         self._lock: IO[bytes] | None = None
 
     @property
-    def cache_path(self) -> str:
-        """The folder, see `numba.core.caching`."""
-        return str(FOLDER)
+    def room(self) -> str:
+        """The folder of its module, below those of the sources."""
+        return self.function.__module__.rpartition('.')[0]
 
-    def enable(self) -> None:
-        """Do nothing: it is a cache from the beginning."""
-
-    disable = flush = enable
-
-    def file_of(self, types: Any) -> Path:
+    @property
+    def can_keep(self) -> bool:
         """
-        Return the path, below the folder of the sources, of the code for some types of arguments.
+        Whether the code can be found again by the sources of its module.
 
-        The contents of other packages that take part are in its name.
+        What it refers to from a function around it, and what is typed at a prompt, is in none.
+        """
+        module = self.function.__module__
+        return not self.function.__closure__ and (
+            module.startswith(f'{PACKAGE.name}.') or bool(sources_of(module.partition('.')[0]))
+        )
+
+    def path(self, kinds: str, modules: set[str]) -> Path:
+        """
+        Return the path, below a folder of the sources, of the code for some kinds of arguments.
+
+        The contents of other packages, with the `modules` of classes, are in its name.
         """
         module, code = self.function.__module__, self.function.__code__
-        modules = {module, *(name for kind in types for name in modules_of(kind))}
+        modules = modules | {module}
         others = {name.partition('.')[0] for name in modules} - {PACKAGE.name}
-        key = [str(types), *sorted(modules), *map(sources_of, sorted(others))]
+        key = [kinds, *sorted(modules), *map(sources_of, sorted(others))]
         digest = hashlib.sha256('\n'.join(key).encode()).hexdigest()[:16]
-        room, _, file = module.rpartition('.')
+        file = module.rpartition('.')[2]
         name = f'{file}.{self.function.__qualname__}-{code.co_firstlineno}'
-        return Path(room) / f'{name}-{digest}{SUFFIX}'
+        return Path(self.room) / f'{name}-{digest}{SUFFIX}'
 
-    def load_overload(self, types: Any, context: Any) -> Any:
-        """
-        Return the code for some types of arguments, or None: this process compiles it.
-
-        The cache of Numba first initializes its whole compiler, which imports SciPy and takes
-        longer than anything else at a start. What is only loaded needs none of it.
-        """
-        file = self.file_of(types)
-        found = self._load(file, context)
+    def load(self, path: Path) -> bytes | None:
+        """Return what a file has, or None: then this process compiles it."""
+        if not self.can_keep:
+            return None
+        found = self._read(path)
         if found is None and self.shares_work and FOLDER and self._lock is None:
-            path = (FOLDER / file).with_suffix('.lock')
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = path.open('wb')
+            file = (FOLDER / path).with_suffix('.lock')
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = file.open('wb')
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-            found = self._load(file, context)
+            found = self._read(path)
             if found is not None:
                 self.unlock()
         return found
 
-    def _load(self, file: Path, context: Any) -> Any:
+    def _read(self, path: Path) -> bytes | None:
         """Return the code that came with the package or is in the user's folder, if any."""
         for folder in filter(None, (SHIPPED_FOLDER, FOLDER)):
-            path = folder / file
             with suppress(FileNotFoundError):
-                kept = pickle.loads(path.read_bytes())
-                self.loaded.add(path)
-                load = load_linked if is_linked(kept) else CompileResult._rebuild
-                return load(context, *kept)
+                content = (folder / path).read_bytes()
+                self.loaded.add(folder / path)
+                return content
         return None
 
-    def save_overload(self, types: Any, result: CompileResult) -> None:
-        """Save the code for some types of arguments, if it can be written."""
-        if FOLDER and not result.library.has_dynamic_globals:
-            path = FOLDER / self.file_of(types)
-            # The text of a function, which is of no use, names a folder.
-            kept = ['' if isinstance(part, str) else part for part in result._reduce()]
-            content = dumps(tuple(kept))
+    def save(self, path: Path, content: bytes) -> None:
+        """Save code, if it can be written."""
+        if FOLDER and self.can_keep:
+            target = FOLDER / path
             with suppress(OSError):  # The folder was deleted, or the disk is full.
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as file:
                     file.write(content)
-                os.replace(file.name, path)
+                os.replace(file.name, target)
         self.unlock()
 
     def unlock(self) -> None:

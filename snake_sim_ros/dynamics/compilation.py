@@ -1,43 +1,27 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How functions are compiled: with Numba, without the interpreter lock, cached on disk."""
+"""
+Functions that are compiled, and what Python needs to call them.
+
+The compiler is Numba, which takes longer to import than all else together. It is imported when
+something is compiled, by `compiler`; what was compiled before is loaded without it.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, update_wrapper
-import operator
-import os
+from importlib import import_module
 import platform
 from typing import Any, Generic, get_type_hints, overload, ParamSpec, TypeVar
 
-try:
-    from llvmlite import ir
-    import numba
-    from numba.core import cgutils, event, types
-    from numba.core.imputils import lower_builtin, lower_constant
-    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-    from numba.extending import intrinsic, models, register_model, typeof_impl
-except ImportError as error:
-    raise ImportError(
-        'snake_sim_ros compiles its physics with Numba, which is not installed: '
-        'pip install numba, or apt install python3-numba'
-    ) from error
-
 import numpy as np
 
-from snake_sim_ros.dynamics import code_cache
-from snake_sim_ros.dynamics.linked_code import LinkedCompiler
+from snake_sim_ros.dynamics.code_cache import DISABLED, Shelf
 
-COMPILES = not numba.config.DISABLE_JIT  # whether anything is compiled, see `compiled`
+COMPILES = not DISABLED  # whether anything is compiled
 # Others have no counter of cycles that a program may read: on ARM the instruction may end it.
 COUNTS_CYCLES = COMPILES and platform.machine() in ('x86_64', 'AMD64')
-OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy'}  # of every compiled function
-
-
-if 'NUMBA_SLP_VECTORIZE' not in os.environ:
-    # Operations on several numbers in one instruction make steps 5 to 15 percent faster. Each is
-    # rounded as before, and none changes places: results are the same to the last bit.
-    numba.config.SLP_VECTORIZE = 1
+COMPILER = 'snake_sim_ros.dynamics.compiler'
 
 
 # A function, which keeps its signature, and the parts of one.
@@ -46,26 +30,55 @@ P = ParamSpec('P')
 Result = TypeVar('Result')
 
 
+class Function:
+    """
+    A function that is compiled for the types of its arguments, when it is called.
+
+    Attributes
+    ----------
+    py_func : callable
+        What is compiled.
+    kind : str
+        The decorator that made it.
+    shelf : Shelf
+        Its machine code on disk.
+
+    """
+
+    def __init__(self, function: Callable[..., Any], kind: str) -> None:
+        update_wrapper(self, function)
+        self.py_func, self.kind, self.shelf = function, kind, Shelf(function)
+
+    @property
+    def dispatcher(self) -> Any:
+        """The function as Numba knows it."""
+        return import_module(COMPILER).dispatcher_of(self)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Call it by Numba, which compiles it for any types."""
+        return self.dispatcher(*arguments, **named)
+
+
 def compiled(function: F) -> F:
     """
     Return `function` compiled on its first call, or as it is with NUMBA_DISABLE_JIT=1.
 
     Every operation is rounded as written. With fast math, a function that was just compiled and
     the same one from the cache differ in their last bits, and a run could not be repeated exactly.
-    A function that allocates memory does not compile (_nrt). No entry for callers in C is
-    compiled, which would take a tenth of the time.
+    A function that allocates memory does not compile. What a run calls from Python is an `entry`
+    instead, see `records`: this kind of call imports the compiler.
     """
-    return _compiled(function)
+    return decorated(function, 'compiled')
 
 
 def linked(function: F) -> F:
     """
     Return `function` compiled once for all compiled functions that call it; see `compiled`.
 
-    It has no entry from Python: only compiled functions can call it, see `linked_code`. It is for
+    It has no entry from Python: only compiled functions can call it, see `compiler`. It is for
     what is large and called in several places.
     """
-    return _compiled(function, no_cpython_wrapper=True, pipeline_class=LinkedCompiler)
+    return decorated(function, 'linked')
 
 
 def inlined(function: F) -> F:
@@ -74,9 +87,13 @@ def inlined(function: F) -> F:
 
     A call copies the headers of all array arguments, which often costs more than the work itself.
     """
-    return _compiled(
-        function, forceinline=True, no_cpython_wrapper=True, pipeline_class=LinkedCompiler
-    )
+    return decorated(function, 'inlined')
+
+
+def decorated(function: F, kind: str, cls: type[Function] = Function) -> F:
+    """Return a `Function` in place of one of Python, if anything is compiled."""
+    made: Any = cls(function, kind) if COMPILES else function
+    return made
 
 
 class Dispatched(Generic[P, Result]):
@@ -95,7 +112,7 @@ class Dispatched(Generic[P, Result]):
     def __init__(self, function: Callable[P, Result]) -> None:
         update_wrapper(self, function)
         self.name = f'{function.__module__}.{function.__qualname__}'
-        self.implementations: dict[Any, Callable[..., Any]] = {}
+        self.implementations: dict[Any, Any] = {}
 
     def __call__(self, *arguments: P.args, **named: P.kwargs) -> Result:
         """Call the implementation for the type of the first argument; none is named."""
@@ -106,7 +123,7 @@ class Dispatched(Generic[P, Result]):
         """Return a decorator of the compiled implementation for a class."""
 
         def add(implementation: F) -> F:
-            if COMPILES and not hasattr(implementation, 'py_func'):
+            if COMPILES and not isinstance(implementation, Function):
                 raise TypeError(f'{implementation} must be compiled to be registered')
             self.implementations[cls] = implementation
             return implementation
@@ -114,72 +131,7 @@ class Dispatched(Generic[P, Result]):
         return add
 
 
-class DispatchedType(types.Callable):
-    """The type of a `Dispatched` function in compiled code: a call is one of an implementation."""
-
-    def __init__(self, function: Dispatched[..., Any]) -> None:
-        self.implementations = function.implementations
-        super().__init__(function.name)
-
-    def implementation(self, arguments: Any) -> Any:
-        """Return the type of the implementation for arguments of some types."""
-        cls = getattr(arguments[0], 'instance_class', type(None))
-        if cls not in self.implementations:
-            names = ', '.join(known.__name__ for known in self.implementations)
-            raise numba.core.errors.TypingError(
-                f'{self.name} has no implementation for {arguments[0]}; it has them for {names}'
-            )
-        return types.Dispatcher(self.implementations[cls])
-
-    def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
-        """Return the signature of a call, see `types.Callable`."""
-        return self.implementation(arguments).get_call_type(context, arguments, keywords)
-
-    def get_call_signatures(self) -> Any:
-        """Return no signatures that are fixed, see `types.Callable`."""
-        return (), True
-
-    def get_impl_key(self, signature: Any) -> Any:
-        """Return what the machine code of a call is found by, see `types.Callable`."""
-        return self.implementation(signature.args).get_impl_key(signature)
-
-
-@typeof_impl.register(Dispatched)  # type: ignore[untyped-decorator]
-def _type_of_dispatched(function: Dispatched[..., Any], context: Any) -> DispatchedType:
-    return DispatchedType(function)
-
-
-register_model(DispatchedType)(models.OpaqueModel)
-
-
-@lower_constant(DispatchedType)  # type: ignore[untyped-decorator]
-def _constant_of_dispatched(context: Any, builder: Any, kind: Any, function: Any) -> Any:
-    return context.get_dummy_value()
-
-
-def _compiled(function: F, **options: Any) -> F:
-    wrapper: F = numba.njit(no_cfunc_wrapper=True, **OPTIONS, **options)(function)
-    if COMPILES and code_cache.can_keep(function):
-        # As `enable_caching` of the wrapper does with the cache of Numba.
-        vars(wrapper)['_cache'] = code_cache.CodeCache(function)
-    return wrapper
-
-
-class _Teller(event.Listener):  # type: ignore[misc]
-    def __init__(self, tell: Callable[[str], object]) -> None:
-        self.tell = tell
-
-    def on_start(self, started: Any) -> None:
-        function = started.data['dispatcher']
-        try:
-            self.tell(function.py_func.__name__)
-        except BaseException:
-            if isinstance(function._cache, code_cache.CodeCache):
-                function._cache.unlock()  # another process may compile it
-            raise
-
-    def on_end(self, ended: Any) -> None:
-        pass
+_tellers: list[Callable[[str], object]] = []
 
 
 @contextmanager
@@ -189,8 +141,21 @@ def watched(tell: Callable[[str], object]) -> Iterator[None]:
 
     It is not compiled if `tell` raises an error.
     """
-    with event.install_listener('numba:compile', _Teller(tell)):
+    _tellers.append(tell)
+    try:
         yield
+    finally:
+        _tellers.remove(tell)
+
+
+def begin_to_compile(function: Function) -> None:
+    """Report the name of a function; if that raises an error, another process may compile it."""
+    try:
+        for tell in _tellers:
+            tell(function.py_func.__name__)
+    except BaseException:
+        function.shelf.unlock()
+        raise
 
 
 Record = TypeVar('Record')
@@ -252,108 +217,11 @@ def record_array(count: int, fields: type) -> Any:
     return records if COMPILES else Table(records)
 
 
-class PackType(types.Type):
-    """The type of a few numbers in one register, on which operations act at once; see `pair`."""
+class Primitive:
+    """An operation of compiled code that Python does not have; `compiler` knows it by its name."""
 
-    def __init__(self, width: int) -> None:
-        self.width = width
-        super().__init__(f'Pack{width}')
-
-
-@register_model(PackType)
-class _PackModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, ir.VectorType(ir.DoubleType(), kind.width))
-
-
-def _packed(context: Any, builder: Any, values: Any, kinds: Any) -> Any:
-    """Return numbers, converted from their types, as one vector."""
-    vector = ir.Constant(ir.VectorType(ir.DoubleType(), len(values)), ir.Undefined)
-    for k, (value, kind) in enumerate(zip(values, kinds, strict=True)):
-        number = context.cast(builder, value, kind, types.float64)
-        vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), k))
-    return vector
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _pack2(typing_context: Any, a: Any, b: Any) -> Any:
-    return PackType(2)(a, b), _pack_numbers
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _pack4(typing_context: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    return PackType(4)(a, b, c, d), _pack_numbers
-
-
-def _pack_numbers(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return _packed(context, builder, arguments, signature.args)
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _root(typing_context: Any, x: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = ir.FunctionType(arguments[0].type, [arguments[0].type])
-        name = f'llvm.sqrt.v{x.width}f64'
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), arguments)
-
-    return x(x), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _choose(typing_context: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        is_greater = builder.fcmp_ordered('>', *arguments[:2])
-        return builder.select(is_greater, *arguments[2:])
-
-    return a(a, b, x, y), generate
-
-
-@infer_global(operator.add)
-@infer_global(operator.sub)
-@infer_global(operator.mul)
-@infer_global(operator.truediv)
-class _PackOperation(AbstractTemplate):  # type: ignore[misc]
-    def generic(self, arguments: Any, keywords: Any) -> Any:
-        packs = [kind for kind in arguments if isinstance(kind, PackType)]
-        if packs and all(isinstance(kind, (PackType, types.Float)) for kind in arguments):
-            return signature(packs[0], *arguments)
-        return None
-
-
-def _lower_operation(symbol: Any, name: str) -> None:
-    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        both = (
-            value
-            if isinstance(kind, PackType)
-            else _packed(
-                context, builder, signature.return_type.width * [value],
-                signature.return_type.width * [kind],
-            )
-            for value, kind in zip(arguments, signature.args, strict=True)
-        )  # fmt: skip
-        return getattr(builder, name)(*both)
-
-    for kinds in ((PackType, PackType), (types.Float, PackType), (PackType, types.Float)):
-        lower_builtin(symbol, *kinds)(lower)
-
-
-_lower_operation(operator.add, 'fadd')
-_lower_operation(operator.sub, 'fsub')
-_lower_operation(operator.mul, 'fmul')
-_lower_operation(operator.truediv, 'fdiv')
-
-
-@infer_global(operator.getitem)
-class _PackLane(AbstractTemplate):  # type: ignore[misc]
-    def generic(self, arguments: Any, keywords: Any) -> Any:
-        if isinstance(arguments[0], PackType) and isinstance(arguments[1], types.Integer):
-            return signature(types.float64, arguments[0], types.int64)
-        return None
-
-
-@lower_builtin(operator.getitem, PackType, types.Integer)  # type: ignore[untyped-decorator]
-def _lower_lane(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    return builder.extract_element(*arguments)
+    def __init__(self, name: str) -> None:
+        self.name = name
 
 
 def _array(*numbers: float) -> Any:
@@ -369,22 +237,11 @@ def _choice(a: Any, b: Any, x: Any, y: Any) -> Any:
 # arrays.
 Pack = Any
 Packs = tuple[Pack, Pack, Pack, Pack, Pack, Pack]  # components of two or four twists or wrenches
-pair = _pack2 if COMPILES else _array
-four = _pack4 if COMPILES else _array
-square_root = _root if COMPILES else np.sqrt
-choose = _choose if COMPILES else _choice
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def _time_stamp(typing_context: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        if not COUNTS_CYCLES:
-            return ir.Constant(ir.IntType(64), 0)
-        kind = ir.FunctionType(ir.IntType(64), [])
-        function = cgutils.get_or_insert_function(builder.module, kind, 'llvm.readcyclecounter')
-        return builder.call(function, [])
-
-    return types.int64(), generate
+pair: Any = Primitive('pair') if COMPILES else _array
+four: Any = Primitive('four') if COMPILES else _array
+square_root: Any = Primitive('square_root') if COMPILES else np.sqrt
+choose: Any = Primitive('choose') if COMPILES else _choice
+_time_stamp: Any = Primitive('time_stamp')
 
 
 @compiled

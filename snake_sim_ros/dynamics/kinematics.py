@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import choose, compiled, inlined, Pack, pair
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import JointPlaces, Spheres
 from snake_sim_ros.scene.parameters import Array
@@ -221,7 +222,7 @@ def angles(y: Pack, x: Pack) -> Pack:
     return choose(o, y, o - angle, angle)
 
 
-@compiled
+@entry
 def joint_motions(
     places: JointPlaces,
     motion: tuple[Array, Array],

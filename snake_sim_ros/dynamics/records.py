@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Records that compiled functions reach by their address, and calls of functions with them.
+Machine code that Python calls, and records that it reaches by their address.
 
 Numba passes a NamedTuple by value. That of a model or a workspace holds the headers of up to 200
 arrays, which every call copies, and which the compiler carries through all functions. Here a
@@ -10,91 +10,105 @@ change as long as it lives, so that the compiler may read a word once for a whol
 the arrays may change.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import ctypes
 from functools import cache
-import hashlib
+from importlib import import_module
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.imputils import lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import intrinsic, models, register_model
-from numba.np.numpy_support import from_dtype
+from llvmlite import binding
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, COMPILES
+from snake_sim_ros.dynamics.compilation import (
+    begin_to_compile,
+    COMPILER,
+    COMPILES,
+    decorated,
+    F,
+    Function,
+    Primitive,
+)
 from snake_sim_ros.scene.parameters import Array
 
-WORD = ir.IntType(64)
-BYTES = ir.IntType(8).as_pointer()
 RETURNED = 0, -2  # what machine code of Numba returns at the end: a value, or None
 RAISED = -(2**62)  # in place of the integer of a call that raised an error
+WORDS = {'float64': 'd', 'int64': 'q', 'boolean': 'q', 'none': ''}  # as of `struct`
 _nothing = ctypes.c_void_p()  # where it says what it raises
 
 
-class RecordType(types.Type):  # type: ignore[misc]
+class ByAddress(NamedTuple):
+    """The kind of an argument that is the address of a record."""
+
+    record: Any
+
+
+def kind_of(value: Any, words: list[Any], header: Callable[[Any], list[int]]) -> Any:
     """
-    The type of a record in compiled code: its class, a NamedTuple, and the types of its fields.
+    Append the words of a value, and return what its type in compiled code is found by.
 
-    An array has a word for its address and one for each length, any other field one word.
+    It is a name for a number or None, (dtype, dimensions) for an array, and the class and the
+    kinds of the fields for a tuple. The words of an array and of None are its `header`.
     """
-
-    def __init__(self, cls: Any, kinds: tuple[Any, ...]) -> None:
-        self.instance_class, self.kinds = cls, kinds
-        sizes = [_size(kind) for kind in kinds]
-        self.places = [sum(sizes[:k]) for k in range(len(sizes))]
-        self.size = sum(sizes)
-        self.format = ''.join(map(_format, kinds))
-        content = ' '.join([cls.__module__, cls.__qualname__, *map(str, kinds)])
-        super().__init__(f'{cls.__name__}_{hashlib.sha256(content.encode()).hexdigest()[:12]}')
-
-
-def _size(kind: Any) -> int:
-    """Return the number of words of a field."""
-    if isinstance(kind, types.Array):
-        return 1 + int(kind.ndim)
-    return int(getattr(kind, 'size', kind is not types.none))
-
-
-def _format(kind: Any) -> str:
-    """Return the words of a field, as of `struct`."""
-    if isinstance(kind, RecordType):
-        return kind.format
-    return 'd' if kind is types.float64 else _size(kind) * 'q'
-
-
-@cache
-def _type_of(key: Any) -> Any:
-    """Return the type for what `_read` returns."""
-    if not isinstance(key, tuple):
-        return key
-    first, *rest = key
-    if isinstance(first, np.dtype):
-        return types.Array(from_dtype(first), rest[0], 'C')
-    return RecordType(first, tuple(map(_type_of, rest)))
-
-
-def _read(value: Any, words: list[Any]) -> Any:
-    """Append the words of a value, and return what its type is found by."""
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise TypeError(
                 f'arrays of a record must be C-contiguous, got strides {value.strides}'
             )
-        words.append(value.__array_interface__['data'][0])  # `ctypes.data` takes a us
-        words.extend(value.shape)
+        words.extend(header(value))
         return value.dtype, value.ndim
     if isinstance(value, tuple):
-        return type(value), *[_read(part, words) for part in value]
+        return type(value), *[kind_of(part, words, header) for part in value]
     if value is None:
-        return types.none
+        words.extend(header(None))
+        return 'none'
     words.append(value)
     if isinstance(value, float):
-        return types.float64
-    return types.boolean if isinstance(value, (bool, np.bool_)) else types.int64
+        return 'float64'
+    return 'boolean' if isinstance(value, (bool, np.bool_)) else 'int64'
+
+
+def address_of(array: Array) -> int:
+    """Return where the numbers of an array are; `ctypes.data` takes a us."""
+    address: int = array.__array_interface__['data'][0]
+    return address
+
+
+def place_and_shape(array: Array | None) -> list[int]:
+    """Return the words of an array, or of None, in a record."""
+    return [] if array is None else [address_of(array), *array.shape]
+
+
+def whole_header(array: Array | None) -> list[int]:
+    """Return the words of an array, or of None, that is an argument of machine code of Numba."""
+    if array is None:
+        return [0]
+    owners, size = (0, 0), (array.size, array.itemsize)
+    return [*owners, *size, address_of(array), *array.shape, *array.strides]
+
+
+@cache
+def format_of(kind: Any) -> str:
+    """Return the format, as of `struct`, of the words of a kind in a record."""
+    if isinstance(kind, str):
+        return WORDS[kind]
+    if isinstance(kind[0], np.dtype):
+        return (1 + kind[1]) * 'q'
+    return ''.join(map(format_of, kind[1:]))
+
+
+def text_of(kind: Any) -> str:
+    """Return a kind as text, the same in every process."""
+    if isinstance(kind, tuple):
+        return f'({" ".join(map(text_of, kind))})'
+    return f'{kind.__module__}.{kind.__qualname__}' if isinstance(kind, type) else str(kind)
+
+
+def modules_of(kind: Any) -> set[str]:
+    """Return the modules of all classes of tuples in a kind."""
+    if isinstance(kind, tuple):
+        return set().union(*map(modules_of, kind))
+    return {kind.__module__} if isinstance(kind, type) and kind is not tuple else set()
 
 
 class Block:
@@ -109,7 +123,8 @@ class Block:
     Attributes
     ----------
     record : NamedTuple
-    kind : RecordType
+    kind : ByAddress
+        Its class and the kinds of its fields, see `kind_of`.
     address : int
 
     """
@@ -119,78 +134,88 @@ class Block:
         if not COMPILES:
             return
         words: list[Any] = []
-        self.kind = _type_of(_read(record, words))
+        self.kind = ByAddress(kind_of(record, words, place_and_shape))
         # One word more: there is a record without fields, and no array of an empty buffer.
-        self._words = np.frombuffer(struct.pack(self.kind.format + 'q', *words, 0), np.int64)
-        self.address = self._words.ctypes.data
+        packed = struct.pack(format_of(self.kind.record) + 'q', *words, 0)
+        self._words = np.frombuffer(packed, np.int64)
+        self.address = address_of(self._words)
 
 
-def type_of(value: Any) -> Any:
-    """Return the type of a value in compiled code, that of a record by its address."""
-    return _type_of(_read(value, []))
+class Entry(Function):
+    """A function whose machine code Python calls, without the compiler if it is on disk."""
+
+    def __init__(self, function: Callable[..., Any], kind: str) -> None:
+        super().__init__(function, kind)
+        self.codes: dict[tuple[Any, ...], int] = {}  # addresses of the machine code
+        self._calls: dict[tuple[Any, ...], Callable[..., int]] = {}
+        returned = function.__annotations__.get('return')
+        self._result: Any = ctypes.c_double if returned is float else ctypes.c_int64
+        self._gives: Any = returned
+
+    def code_for(self, kinds: tuple[Any, ...]) -> int:
+        """Return the address of the machine code for arguments of some kinds."""
+        if kinds not in self.codes:
+            shelf, path = self.shelf, self.shelf.path(text_of(kinds), modules_of(kinds))
+            content = shelf.load(path)
+            if content is None:
+                begin_to_compile(self)
+                content = import_module(COMPILER).machine_code(self, kinds)
+                shelf.save(path, content)
+            self.codes[kinds] = loaded(content)
+        return self.codes[kinds]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code with numbers, C-contiguous arrays, and tuples of them."""
+        words: list[Any] = []
+        kinds = tuple([kind_of(argument, words, whole_header) for argument in arguments])
+        if kinds not in self._calls:
+            self._calls[kinds] = as_c_function(self.code_for(kinds), words)
+        value = self._result()
+        status = self._calls[kinds](ctypes.addressof(value), ctypes.addressof(_nothing), *words)
+        check(self, status)
+        if self._gives is None:
+            return None
+        return bool(value.value) if self._gives is bool else value.value
 
 
-register_model(RecordType)(models.OpaqueModel)
+def entry(function: F) -> F:
+    """
+    Return `function` compiled for calls from Python, without Numba once its code is on disk.
+
+    See `compilation.compiled`. Its arguments are numbers, C-contiguous arrays, None, and tuples of
+    these; it returns a number or nothing.
+    """
+    return decorated(function, 'entry', Entry)
 
 
-@infer_getattr
-class _Fields(AttributeTemplate):  # type: ignore[misc]
-    key = RecordType
-
-    def generic_resolve(self, kind: Any, name: str) -> Any:
-        fields = kind.instance_class._fields
-        return kind.kinds[fields.index(name)] if name in fields else None
+def as_c_function(code: int, words: Sequence[Any]) -> Callable[..., int]:
+    """Return what calls machine code with words like these."""
+    kinds = [ctypes.c_double if isinstance(word, float) else ctypes.c_int64 for word in words]
+    return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *kinds)(code)
 
 
-@lower_getattr_generic(RecordType)  # type: ignore[untyped-decorator]
-def _field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
-    k = kind.instance_class._fields.index(name)
-    words = builder.bitcast(address, WORD.as_pointer())
-    place = builder.gep(words, [WORD(kind.places[k])], inbounds=True)
-    field = kind.kinds[k]
-    if isinstance(field, RecordType):
-        return builder.bitcast(place, context.get_value_type(field))
-    if isinstance(field, types.Array):
-        return _array(context, builder, field, place)
-    if field is types.none:
-        return context.get_dummy_value()
-    model = context.data_model_manager[field]
-    return model.from_data(builder, _word(builder, place, model.get_data_type()))
+def check(function: Any, status: int) -> None:
+    """Raise an error if machine code did."""
+    if status not in RETURNED:
+        raise RuntimeError(f'{function.__name__} raised an error, status {status}')
 
 
-def _word(builder: Any, place: Any, kind: Any) -> Any:
-    """Return a word that never changes, as a value of some type."""
-    value = builder.load(builder.bitcast(place, kind.as_pointer()))
-    value.set_metadata('invariant.load', builder.module.add_metadata([]))
-    return value
+_engines: list[Any] = []  # that hold the machine code of this process
 
 
-def _array(context: Any, builder: Any, kind: Any, place: Any) -> Any:
-    """Return the header of an array from its address and lengths."""
-    model = context.data_model_manager[kind]
-    lengths = [_word(builder, builder.gep(place, [WORD(1 + k)]), WORD) for k in range(kind.ndim)]
-    size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-    strides, count = [size], WORD(1)
-    for length in lengths[:0:-1]:
-        strides.insert(0, builder.mul(strides[0], length))
-    for length in lengths:
-        count = builder.mul(count, length)
-    value = ir.Constant(model.get_value_type(), None)
-    parts = {
-        'data': _word(builder, place, context.get_value_type(model.get_type('data'))),
-        'nitems': count,
-        'itemsize': size,
-        'shape': lengths,
-        'strides': strides,
-    }
-    for name, part in parts.items():
-        if isinstance(part, list):
-            whole = ir.Constant(ir.ArrayType(WORD, len(part)), ir.Undefined)
-            for k, one in enumerate(part):
-                whole = builder.insert_value(whole, one, k)
-            part = whole
-        value = model.set(builder, value, part, name)
-    return value
+def loaded(content: bytes) -> int:
+    """Return the address of a function, from what `compiler.machine_code` made of it."""
+    name, _, code = content.partition(b'\0')
+    if not _engines:
+        binding.initialize_native_target()
+        binding.initialize_native_asmprinter()
+    target = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(''), target)
+    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    address: int = engine.get_function_address(name.decode())
+    return address
 
 
 class BoundCall:
@@ -200,7 +225,7 @@ class BoundCall:
     Parameters
     ----------
     function : callable
-        A compiled function. It returns an integer or nothing.
+        An `entry`. It returns an integer or nothing.
     blocks : Block
         Its arguments.
 
@@ -213,12 +238,12 @@ class BoundCall:
 
     code = 0
 
-    def __init__(self, function: Callable[..., Any], *blocks: Block) -> None:
+    def __init__(self, function: Any, *blocks: Block) -> None:
         self.function, self.blocks = function, blocks
         self._value = ctypes.c_int64()
         if COMPILES:
-            self._call = _machine_code(function, tuple(block.kind for block in blocks))
-            self.code = _address(self._call)
+            self.code = function.code_for(tuple(block.kind for block in blocks))
+            self._call = as_c_function(self.code, [block.address for block in blocks])
             self._addresses = (
                 ctypes.addressof(self._value),
                 ctypes.addressof(_nothing),
@@ -229,51 +254,17 @@ class BoundCall:
         """Call the function; return its integer, 0 if it returns nothing."""
         if not COMPILES:
             return self.function(*(block.record for block in self.blocks)) or 0
-        status = self._call(*self._addresses)
-        if status not in RETURNED:
-            raise RuntimeError(f'{self.function.__name__} raised an error, status {status}')
+        check(self.function, self._call(*self._addresses))
         return self._value.value
 
 
-def _address(call: Any) -> int:
-    """Return the address of machine code."""
-    return int(ctypes.cast(call, ctypes.c_void_p).value or 0)
+# `call_code(code, blocks)` calls machine code from compiled code, with the addresses of its
+# blocks, a tuple. The code is that of a `BoundCall`. Its integer is returned, RAISED if it raised
+# an error.
+call_code: Any = Primitive('call_code')
 
 
-@cache
-def _machine_code(function: Any, kinds: tuple[Any, ...]) -> Callable[..., int]:
-    """Return the machine code of a function for records of some types."""
-    function.compile(kinds)
-    found = function.overloads[kinds]
-    address = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
-    pointers = (2 + len(kinds)) * [ctypes.c_void_p]
-    return ctypes.CFUNCTYPE(ctypes.c_int32, *pointers)(address)
-
-
-@intrinsic  # type: ignore[untyped-decorator]
-def call_code(typing_context: Any, code: Any, blocks: Any) -> Any:
-    """
-    Call machine code from compiled code, with the addresses of its blocks, a tuple.
-
-    It is that of a `BoundCall`. Its integer is returned, RAISED if it raised an error.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        parts = cgutils.unpack_tuple(builder, arguments[1])
-        kind = ir.FunctionType(ir.IntType(32), (2 + len(parts)) * [BYTES])
-        value = cgutils.alloca_once_value(builder, WORD(0))
-        raised = cgutils.alloca_once(builder, BYTES)
-        given = [builder.inttoptr(part, BYTES) for part in parts]
-        places = [builder.bitcast(place, BYTES) for place in (value, raised)]
-        function = builder.inttoptr(arguments[0], kind.as_pointer())
-        status = builder.call(function, [*places, *given])
-        is_end = [builder.icmp_signed('==', status, status.type(end)) for end in RETURNED]
-        return builder.select(builder.or_(*is_end), builder.load(value), WORD(RAISED))
-
-    return types.int64(code, blocks), generate
-
-
-@compiled
+@entry
 def call_each(calls: Array, rows: Array, values: Array) -> None:
     """
     Make calls with one block each, one after the other.

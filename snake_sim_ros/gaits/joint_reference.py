@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.scene.chain import JointLimits
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
@@ -19,7 +19,7 @@ from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
 # ---- compiled sampling --------------------------------------------------------------------------
 
 
-@compiled
+@entry
 def sample_command(
     times: Array,
     command: tuple[Array, Array, Array],
@@ -50,7 +50,7 @@ def sample_command(
             rate[i, k] = command_rate[k] if age <= horizon else 0.0
 
 
-@compiled
+@entry
 def sample_motion(
     times: Array, axes: Array, knots: Array, coefficients: Array, angle: Array, rate: Array
 ) -> None:
@@ -88,7 +88,7 @@ def sample_motion(
             rate[i, axes[k]] = b + s * (2.0 * c + s * (3.0 * d)) if moving else 0.0
 
 
-@compiled
+@entry
 def hold_at_limit(low: Array, high: Array, angle: Array, rate: Array) -> None:
     """
     Clip angles to their limits, and set the rates of clipped axes to 0.

@@ -18,7 +18,7 @@ import sys
 from threading import Event, Lock, Thread
 import time
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
+from snake_sim_ros.dynamics.code_cache import Shelf
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import Scene
@@ -163,7 +163,7 @@ def main() -> None:
     """Fill the cache for the scene and level on standard input."""
     with suppress(EOFError):  # The node that waits for it has ended.
         scene, level = pickle.load(sys.stdin.buffer)
-        CodeCache.shares_work = True
+        Shelf.shares_work = True
         compile_sampling(scene)
         Simulation(scene).compile(levels=[level])
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, COMPILES, record_array, Table
-from snake_sim_ros.dynamics.records import Block, BoundCall, call_code, call_each
+from snake_sim_ros.dynamics.compilation import COMPILES, record_array, Table
+from snake_sim_ros.dynamics.records import Block, BoundCall, call_code, call_each, entry
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.loops import begin_next, Next, show, StepsInPlace
@@ -43,7 +43,7 @@ class Going(NamedTuple):
     shown: tuple[Any, ...]  # see `loops.show`
 
 
-@compiled
+@entry
 def go_on(going: Going) -> int:
     """Take steps as `loops.StepsInPlace.take` does; return 1, or 0 without a step."""
     following = going.following

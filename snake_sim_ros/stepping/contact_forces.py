@@ -8,8 +8,8 @@ import numpy as np
 
 from snake_sim_ros.contact.placing import world_geometry
 from snake_sim_ros.contact.surroundings import make_surroundings, Surroundings
-from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.dynamics.kinematics import axis_z, carried_place
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.scene.chain import Spheres
 from snake_sim_ros.scene.obstacles import (
     contact_count,
@@ -148,7 +148,7 @@ def add_viscous_forces(
         forces[here] -= np.einsum('ki,kij->kj', resisted, tangents)
 
 
-@compiled
+@entry
 def forces_of_ground(
     spheres: Spheres,
     q: Array,

@@ -15,8 +15,8 @@ from typing import Any, cast, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, Dispatched, Table
-from snake_sim_ros.dynamics.records import Block, BoundCall, Loop
+from snake_sim_ros.dynamics.compilation import Dispatched, Table
+from snake_sim_ros.dynamics.records import Block, BoundCall, entry, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.model import Model, Workspace
@@ -148,7 +148,7 @@ class Next(NamedTuple):
     pushes: PushTable  # as in `Steps`
 
 
-@compiled
+@entry
 def begin_next(following: Next) -> int:
     """Empty the report for the `Next` steps; return 1 if the loop can take them, or 0."""
     if following.pitch != ANY_PITCH:

@@ -24,11 +24,11 @@ import numba
 from tqdm import tqdm
 
 from snake_sim_ros.dynamics.code_cache import (
-    CodeCache,
     identity,
     is_portable,
     MADE_FOR,
     PORTABLE,
+    Shelf,
     versions,
 )
 from snake_sim_ros.dynamics.compilation import COMPILES
@@ -57,7 +57,7 @@ def scene_of(number: int) -> Scene:
 
 def compile_form(number: int) -> None:
     """Compile or load everything for one of FORMS."""
-    CodeCache.shares_work = True
+    Shelf.shares_work = True
     compile_sampling(scene_of(number))
     Simulation(scene_of(number)).compile()
 
@@ -69,7 +69,7 @@ def keep_loaded(folder: Path) -> None:
     to = folder / identity()
     # Errors in functions of Numba name its files: of the same length, since lengths are kept.
     here = str(Path(numba.__file__).parents[1]).encode()
-    for path in CodeCache.loaded:
+    for path in Shelf.loaded:
         room = to / path.parent.name
         room.mkdir(parents=True, exist_ok=True)
         (room / path.name).write_bytes(path.read_bytes().replace(here, b'/' * len(here)))

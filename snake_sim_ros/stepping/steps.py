@@ -8,13 +8,13 @@ import numpy as np
 
 from snake_sim_ros.contact.problem import Outcome
 from snake_sim_ros.dynamics.compilation import (
-    compiled,
     cycle_counter,
     Dispatched,
     inlined,
     record_array,
     Table,
 )
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.base import divergence, Report
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
@@ -129,7 +129,7 @@ def take_step(  # type: ignore[empty-body]
     """
 
 
-@compiled
+@entry
 def advance(integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps) -> None:
     """Take the steps up to the first that the integrator does not take; see `take_step`."""
     report, record, count = steps.report[0], steps.record, len(steps.angle)
@@ -160,9 +160,8 @@ def keep_sample(row: int, dt: float, span: float, applied: Array, steps: Steps) 
 @inlined
 def copy_numbers(array: Array, to: Array) -> None:
     """Copy the numbers of an array of any dimension to one of the same shape."""
-    numbers, copies = array.reshape(array.size), to.reshape(array.size)
-    for k in range(len(numbers)):
-        copies[k] = numbers[k]
+    for k in range(array.size):
+        to.flat[k] = array.flat[k]
 
 
 @inlined

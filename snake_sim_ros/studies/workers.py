@@ -29,7 +29,7 @@ import sys
 import threading
 from typing import Any, ClassVar, TypeVar
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
+from snake_sim_ros.dynamics.code_cache import Shelf
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.studies.runs import (
     empty_result,
@@ -176,7 +176,7 @@ def run_on_cluster(plan: bytes, rows: Sequence[Row]) -> list[Result]:
 
     The plan is pickled: a module that is missing is an error of this call, not of the connection.
     """
-    CodeCache.shares_work = True
+    Shelf.shares_work = True
     return run_chunk(pickle.loads(plan), rows)
 
 
@@ -190,7 +190,7 @@ def _prepare_process(path: list[str], stop: Any) -> None:
     """Leave Ctrl-C to the process that started this one, whose modules this one finds."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.path[:] = path
-    CodeCache.shares_work = True
+    Shelf.shares_work = True
     _Process.stopped = stop.is_set
 
 

@@ -53,7 +53,6 @@ from snake_sim_ros.stepping.planar.moreau import (
     move_in_plane,
     stop_impact,
     yaw_axes_change,
-    yaw_loads,
 )
 from snake_sim_ros.stepping.planar.solvers import (
     PlanarNewton,
@@ -255,7 +254,7 @@ def begin_planar_part(
         work.bend[j, 0, 2] = start[3 + j] - start[2 + j]
     hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
-        way, loads = (work.bend[:, :, 2], work.bend[:, :, 0]), yaw_loads(work)
+        way, loads = (work.bend[:, :, 2], work.bend[:, :, 0]), (work.yaw_torque, work.yaw_damping)
         begin_predicted_laws(model.joint_laws, work.axes, (h, h_q), way, work.bend[:, :, 1], loads)
     fill_predicted_grips(model.patches, model, own, work, h_q)
     fill_momentum(model, work, hat.u, u_star)

@@ -147,6 +147,8 @@ class PlanarWorkspace(NamedTuple):
     # paper, or at the end of one of `bdf2`, without the rates of the end; angle at its start [rad]
     bend: Array
     middle: Array  # (n, 2) middles of the contacts of a link with the floor, from O [m]
+    yaw_torque: Array  # (n-1, 1) the same numbers as `torque`, as `joint_laws` takes them
+    yaw_damping: Array  # (n-1, 1) the same numbers as `chain.damping`
     # (n, 3) momentum out of the plane that the first step stops [N m s], [N s]
     impact: Array
     # (n, 3) loads out of the plane without those of the contacts [N m s], [N s]
@@ -237,20 +239,23 @@ def make_planar_workspace(scene: Scene) -> PlanarWorkspace:
     closed[: len(floor)] = floor
     contacts = make_contacts(np.append(contact_links(scene), [[-1, -1]], axis=0))
     contacts['geometry']['grip'][count] = 0.0
+    torque, chain = np.zeros(n - 1), make_chain(n)
     return PlanarWorkspace(
         heading=np.zeros((n, 2)),
         center=np.zeros((n, 2)),
-        torque=np.zeros(n - 1),
+        torque=torque,
         momentum=np.zeros((n, 3)),
         bare=np.zeros((n, 6)),
         applied=np.zeros((n - 1, 2)),
         axes=make_axis_laws(scene.robot),
         bend=np.zeros((n - 1, 1, 3)),
         middle=np.zeros((n, 2)),
+        yaw_torque=torque[:, None],
+        yaw_damping=chain.damping[:, None],
         impact=np.zeros((n, 3)),
         weight=np.zeros((n, 3)),
         no_torque=np.zeros(n - 1),
-        chain=make_chain(n),
+        chain=chain,
         upright=make_chain(n),
         closed=closed,
         contacts=contacts,

@@ -83,13 +83,6 @@ def hold_absent_yaw_axes(model: PlanarModel, work: PlanarWorkspace) -> None:
 
 
 @inlined
-def yaw_loads(work: PlanarWorkspace) -> tuple[Array, Array]:
-    """Return torques and dampings of the yaw joints, shape (n-1, 1), for `joint_laws`."""
-    n = len(work.twist)
-    return work.torque.reshape(n - 1, 1), work.chain.damping.reshape(n - 1, 1)
-
-
-@inlined
 def yaw_axes_change(
     model: PlanarModel,
     work: PlanarWorkspace,
@@ -105,7 +98,7 @@ def yaw_axes_change(
     for j in range(n - 1):
         work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
     trial = Trial(outcome.iterations, outcome.converged, attempt, left)
-    return joint_laws_change(laws, work.axes, yaw_loads(work), trial, report)
+    return joint_laws_change(laws, work.axes, (work.yaw_torque, work.yaw_damping), trial, report)
 
 
 @inlined
@@ -173,7 +166,9 @@ def begin_planar_step(model: PlanarModel, work: PlanarWorkspace, steps: Steps, k
         work.bend[j, 0, 0], work.bend[j, 0, 1] = difference + dt / 2 * turn, turn
     hold_absent_yaw_axes(model, work)
     if model.joint_laws.present:
-        begin_joint_laws(model.joint_laws, work.axes, dt, work.bend, yaw_loads(work))
+        begin_joint_laws(
+            model.joint_laws, work.axes, dt, work.bend, (work.yaw_torque, work.yaw_damping)
+        )
     x, y = q[0] + dt / 2 * u[0, 0], q[1] + dt / 2 * u[0, 1]
     fill_grips(model.patches, model, work, x - work.center[0, 0], y - work.center[0, 1])
     fill_momentum(model, work, u, u)

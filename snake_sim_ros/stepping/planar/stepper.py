@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
-from snake_sim_ros.dynamics.records import Loop
+from snake_sim_ros.dynamics.records import entry, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
@@ -30,7 +30,7 @@ from snake_sim_ros.stepping.steps import make_steps, Record, Steps
 ROUNDING = 1e-13  # tilts that differ from FLAT by less are FLAT
 
 
-@compiled
+@entry
 def to_space(
     joints: tuple[Array, Array],
     planar: tuple[Array, Array, Array],
@@ -102,7 +102,7 @@ def close_twist(before: Array, link: Array, velocity: Array) -> None:
     velocity[3], velocity[4] = c * w_x + s * w_y, c * w_y - s * w_x
 
 
-@compiled
+@entry
 def samples_to_space(
     joints: tuple[Array, Array],
     planar: tuple[Array, Array, Array],
@@ -138,7 +138,7 @@ def show_in_plane(shown: InPlane) -> None:
     to_space(joints, planar, shown.height, shown.links, shown.velocities)
 
 
-@compiled
+@entry
 def is_recalled(
     joints: tuple[Array, Array],
     memory: PlanarMemory,

@@ -39,7 +39,7 @@ def depth_of_robot(world: Surroundings, spheres: Spheres, capsules: Capsules, q:
     return world_penetration(world, spheres, capsules, q)
 
 
-@compiled
+@entry
 def fill_world_geometry(
     world: Surroundings,
     shapes: tuple[Spheres, Capsules],

@@ -103,23 +103,27 @@ class CommandInbox:
         self.settings = settings
         self.clamped = 0
         self.watch: Callable[[float], None] | None = None
-        self.is_open = False
-        self._simulation, self._warn, self._log = simulation, warn, node.get_logger()
-        self.modes = ControlModes(simulation)
-        self._unclaimed = np.ones((len(KINDS), self.modes.free.size), dtype=bool)
+        self._warn, self._log = warn, node.get_logger()
         self._confirmed = False  # whether the first command was
+        self._refusals = Refusals(warn)
+        self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
+        self._others = OtherPublishers(node)
+        self.begin(simulation)
+        self._subscribe(node)
+
+    def begin(self, simulation: Simulation) -> None:
+        """Lead the robot of a simulation from its start on; commands are taken after `open`."""
+        self.is_open = False
+        self._simulation, self.modes = simulation, ControlModes(simulation)
+        self._unclaimed = np.ones((len(KINDS), self.modes.free.size), dtype=bool)
         self._reference = start_posture(simulation.scene)
         self.limiter = LimitedReference(self._reference.angle)
         self._heard: float | None = None  # simulated time of the last command [s]
         self._void = 0.0  # time up to which stamped commands are void [s]
         self._stream = ''  # topic on which commands follow each other
         self._silent = ''  # topic of a stream that stopped
-        self._refusals = Refusals(warn)
         self._early: dict[str, Callable[[], None]] = {}  # topic -> how to take its last command
-        self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
-        self._others = OtherPublishers(node)
-        self._subscribe(node)
 
     def _subscribe(self, node: Node) -> None:
         node.create_subscription(
@@ -219,7 +223,7 @@ class CommandInbox:
 
         def read() -> ReceivedTrajectory:
             if not self.is_open:
-                raise RejectedCommand('early', 'no goal is taken while the physics is compiled')
+                raise RejectedCommand('early', 'no goal is taken before the physics is ready')
             return self._placed(message)
 
         return self._take('joint_trajectory', read).motion

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The `sim` node: a virtual Aiko that follows joint commands and publishes its state."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 import gc
 import math
@@ -25,11 +26,17 @@ from snake_sim_ros.nodes.diagnostics import LoadMeter, SlowSteps, status_of, val
 from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.executors import make_executor, Refusals, Server, ThrottledWarnings
 from snake_sim_ros.nodes.messages import stamp_from
-from snake_sim_ros.nodes.node_parameters import ParameterRequests, settle
+from snake_sim_ros.nodes.node_parameters import (
+    ParameterRequests,
+    settle,
+    settle_anew,
+    with_own_robot,
+)
 from snake_sim_ros.nodes.node_process import run_node
 from snake_sim_ros.nodes.sim_parameters import as_it_runs, CHANGEABLE, changed, Settings
 from snake_sim_ros.nodes.sim_services import Handling, serve_simulation
 from snake_sim_ros.nodes.spawning import SpawnedPegs
+from snake_sim_ros.nodes.standard import NO_WORLD
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
@@ -63,6 +70,10 @@ class SimNode(Node):
         Real-time factor and processor time.
     slow_steps : SlowSteps
         The longest step, and the periods that were too short.
+    pegs : SpawnedPegs
+        The pegs by their names.
+    world : str
+        Name or file of the scene; empty while none is loaded.
     paused : bool
         Set by the services.
     level_changes : int
@@ -82,6 +93,7 @@ class SimNode(Node):
         )
         self.settings, scene = settle(self, Settings, changeable=CHANGEABLE, complete=as_it_runs)
         self.settings.check(scene)
+        self.world = self.settings.scene
         if self.get_parameter('use_sim_time').value:
             self.get_logger().warning('use_sim_time is ignored: this node makes simulated time')
 
@@ -108,12 +120,69 @@ class SimNode(Node):
         self.handling = Handling(
             self, self.simulation, self.settings, Refusals(self.warn), self._on_moved
         )
-        self.add_on_set_parameters_callback(self._on_set_parameters)
-        self.add_post_set_parameters_callback(self._on_parameters_set)
+        self._take_parameters()
         self.compiler: Compiler | None = None
-        begin = time.perf_counter()
+        self._load_code()
+        # Loading takes half a second, in which no service could answer.
+        ParameterRequests(self)
+        self.pegs = SpawnedPegs(
+            self.simulation, lambda: self.inbox.modes.scene, self._change_obstacles
+        )
+        serve_simulation(self, self.pegs.despawn)
+        serve_entities(self, self.handling, self.pegs)
+        self.trajectories = serve_trajectories(self, self.inbox)
+
+    # ---- scenes and their machine code ----------------------------------------------------------
+
+    def load_world(self, source: str, scene: Scene) -> None:
+        """
+        Continue with another scene, paused at its start at time 0.
+
+        Parameters
+        ----------
+        source : str
+            Its name or file.
+        scene : Scene
+
+        Raises
+        ------
+        ParameterError
+            If the node cannot run the scene with its settings. Nothing has changed then.
+
+        """
+        settings = replace(self.settings, scene=source)
+        scene = as_it_runs(settings, with_own_robot(scene, settings.robot_description), ())
+        settings.check(scene)
+        steps, simulation = steps_in(self.period, scene.dt, 'publish period'), Simulation(scene)
+        self.state_publishers.begin(simulation, settings)
+        self.unload_world()
+        self.settings, self.simulation, self.steps = settings, simulation, steps
+        self.inbox.settings = self.handling.settings = settings
+        for part in (self.inbox, self.handling, self.pegs):
+            part.begin(simulation)
+        self.remove_on_set_parameters_callback(self._on_set_parameters)
+        self.remove_post_set_parameters_callback(self._on_parameters_set)
+        settle_anew(self, settings, scene, CHANGEABLE)
+        self._take_parameters()
+        self._share_iterations()
+        self.world, self.slow_steps = source, SlowSteps()
+        self._load_code()
+        if self.compiler:
+            self.compiler.start()
+        self.publish_state()
+
+    def unload_world(self) -> None:
+        """Let simulated time wait for another scene."""
+        self.world, self.paused = '', True
+        self.inbox.is_open = False
+        self.trajectories.drop()
+        self._end_compiler()
+
+    def _load_code(self) -> None:
+        """Load the machine code of the scene; what is missing is compiled beside the node."""
+        begin, scene = time.perf_counter(), self.simulation.scene
         levels = levels_of(scene)
-        missing = [level for level in levels if not is_loaded(partial(self._load, level))]
+        missing = self._missing(levels)
         if missing:
             self.compiler = Compiler(scene, self._load, missing)
             if reason := why_compile():
@@ -122,16 +191,30 @@ class SimNode(Node):
             self.compiler.needed = 1
         else:
             self.begin(time.perf_counter() - begin)
-        # Loading takes half a second, in which no service could answer.
-        ParameterRequests(self)
-        pegs = SpawnedPegs(self.simulation, lambda: self.inbox.modes.scene, self._change_obstacles)
-        serve_simulation(self, pegs.despawn)
-        serve_entities(self, self.simulation, self.handling.placing, pegs)
-        serve_trajectories(self, self.inbox)
+
+    def _missing(self, levels: Iterable[str]) -> list[str]:
+        """Load the machine code of some levels; return those that are not compiled."""
+        return [level for level in levels if not is_loaded(partial(self._load, level))]
 
     def _load(self, level: str) -> None:
         compile_sampling(self.simulation.scene)
         self.simulation.compile(levels=[level])
+
+    def _end_compiler(self) -> None:
+        if self.compiler:
+            self.compiler.end()
+            self.compiler = None
+
+    def _change_obstacles(self, scene: Scene) -> None:
+        """Continue with other obstacles; if their machine code is missing, time waits for it."""
+        self.inbox.modes.change(scene)
+        self.state_publishers.show_obstacles(scene)
+        missing = self._missing(levels_of(scene))
+        self._end_compiler()
+        if missing:
+            self.compiler = Compiler(self.simulation.scene, self._load, missing)
+            self.compiler.needed = len(missing)
+            self.compiler.start()
 
     def begin(self, seconds: float) -> None:
         """Take commands, since the physics is ready after some time [s]."""
@@ -151,6 +234,13 @@ class SimNode(Node):
         return f'{self.compiler}: simulated time waits for the {level} level{why}'
 
     @property
+    def waiting(self) -> str:
+        """A sentence on what simulated time waits for, a world or the compiler; else empty."""
+        return self.compiling if self.world else NO_WORLD
+
+    # ---- time and state -------------------------------------------------------------------------
+
+    @property
     def failure(self) -> str:
         """A sentence on why the simulation diverged; empty if it has not."""
         return self.simulation.report.failure
@@ -158,7 +248,7 @@ class SimNode(Node):
     @property
     def halted(self) -> bool:
         """Whether simulated time stands still."""
-        return self.paused or bool(self.failure or self.compiling)
+        return self.paused or bool(self.failure or self.waiting)
 
     @property
     def seconds(self) -> float:
@@ -241,7 +331,9 @@ class SimNode(Node):
             self.publish_state()
 
     def publish_state(self) -> None:
-        """Publish the state, then the clock."""
+        """Publish the state, then the clock; nothing without a world."""
+        if not self.world:
+            return
         start = None if self.inbox.is_open else start_posture(self.simulation.scene)
         self.state_publishers.publish(self.nanoseconds, start)
 
@@ -249,8 +341,8 @@ class SimNode(Node):
         """Publish the state of the simulation and of its commands on /diagnostics."""
         factor, warnings = self.settings.real_time_factor, []
         # The node advances by whole periods, so it may reach one of them less.
-        if self.compiling:
-            warnings.append(self.compiling)
+        if self.waiting:
+            warnings.append(self.waiting)
         if not self.halted and self.load.real_time_factor + self.period < 0.95 * factor:
             warnings.append(f'real-time factor {self.load.real_time_factor:.2f} of {factor:g}')
         warnings += self.inbox.remarks() + self.handling.refusals.remarks()
@@ -274,11 +366,17 @@ class SimNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = stamp_from(self.nanoseconds)
         self.diagnostics.publish(message)
-        if self.compiling:
+        if self.waiting:
             self.publish_state()
         elif self.halted:
             self.state_publishers.publish_markers(self.nanoseconds)
         self.inbox.end_interval()
+
+    # ---- parameters -----------------------------------------------------------------------------
+
+    def _take_parameters(self) -> None:
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters_set)
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -293,20 +391,6 @@ class SimNode(Node):
         self.inbox.settings = self.handling.settings = self.settings
         self.inbox.modes.change(scene)
         self._share_iterations()
-
-    def _change_obstacles(self, scene: Scene) -> None:
-        """Continue with other obstacles; if their machine code is missing, time waits for it."""
-        self.inbox.modes.change(scene)
-        self.state_publishers.show_obstacles(scene)
-        levels = levels_of(scene)
-        missing = [level for level in levels if not is_loaded(partial(self._load, level))]
-        if self.compiler:
-            self.compiler.end()
-            self.compiler = None
-        if missing:
-            self.compiler = Compiler(self.simulation.scene, self._load, missing)
-            self.compiler.needed = len(missing)
-            self.compiler.start()
 
     def _share_iterations(self) -> None:
         self.simulation.budget.share = self.settings.iteration_budget / self.steps

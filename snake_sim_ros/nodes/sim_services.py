@@ -12,6 +12,7 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import unquote
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
@@ -25,10 +26,11 @@ from snake_sim_ros.nodes.executors import Refusals
 from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
 from snake_sim_ros.nodes.placing import FASTEST, FASTEST_TURN, numbers_of, Placing, too_fast
 from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.standard import answered, Refused
 from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.files import CONFIG, files_of_package
-from snake_sim_ros.scene.parameters import Array
+from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
+from snake_sim_ros.scene.files import files_of_package, find_file
+from snake_sim_ros.scene.parameters import Array, load_scene, Scene
 from snake_sim_ros.stepping.simulation import Simulation
 
 # ---- reset, pause and step ----------------------------------------------------------------------
@@ -41,6 +43,8 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
+STEPPING = 'steps are taken: cancel the goal of ~/simulate_steps first'
+WORLD_FORMATS = ('', '.yaml', '.yml', '.urdf')  # suffixes of files
 FEATURES = {  # what serves it -> features
     'GetEntities': ('ENTITY_BOUNDS_BOX', 'ENTITY_CATEGORIES'),
     'GetEntityBounds': ('ENTITY_BOUNDS',),
@@ -58,6 +62,8 @@ FEATURES = {  # what serves it -> features
     'SimulateSteps': ('STEP_SIMULATION_ACTION',),
     'GetCurrentWorld': ('WORLD_INFO_GETTING',),
     'GetAvailableWorlds': ('AVAILABLE_WORLDS',),
+    'LoadWorld': ('WORLD_LOADING',),
+    'UnloadWorld': ('WORLD_UNLOADING',),
 }
 
 
@@ -66,7 +72,8 @@ class Controllable(Protocol):
 
     paused: bool
     failure: str
-    compiling: str
+    waiting: str  # a sentence on what simulated time waits for; empty: nothing
+    world: str  # name or file of the scene; empty: none is loaded
     seconds: float
     settings: Settings
     between: Callable[[], None] | None  # what is done between messages while time stands still
@@ -80,6 +87,12 @@ class Controllable(Protocol):
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods."""
 
+    def load_world(self, source: str, scene: Scene) -> None:
+        """Continue with another scene, paused; raise ParameterError if the node cannot run it."""
+
+    def unload_world(self) -> None:
+        """Let simulated time wait for another scene."""
+
 
 class SimulationServices:
     """The services whose types every ROS 2 installation has."""
@@ -91,8 +104,8 @@ class SimulationServices:
         node.create_service(Trigger, '~/step', self._on_step)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.node.compiling:
-            response.message = self.node.compiling
+        if self.node.waiting:
+            response.message = self.node.waiting
             return response
         self.node.reset()
         response.success = True
@@ -100,20 +113,20 @@ class SimulationServices:
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if self.node.failure and not request.data:
-            response.message = DIVERGED
+        if not request.data and (self.node.failure or not self.node.world):
+            response.message = DIVERGED if self.node.world else standard.NO_WORLD
             return response
         self.node.paused, response.success = request.data, True
         response.message = 'paused' if request.data else 'running'
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.node.compiling or not self.node.paused:
+        if self.node.waiting or not self.node.paused:
             why = DIVERGED if self.node.failure else STILL_RUNNING
-            response.message = self.node.compiling or why
+            response.message = self.node.waiting or why
             return response
         self.node.step()
-        why = self.node.failure or self.node.compiling
+        why = self.node.failure or self.node.waiting
         response.success = not why
         response.message = why or f't = {self.node.seconds:g} s'
         return response
@@ -124,24 +137,25 @@ class StandardServices:
 
     def __init__(self, node: Controllable, despawn: Callable[[], None] | None) -> None:
         self.node, self.stopped, self.despawn = node, False, despawn
-        for name, callback in (
-            ('GetSimulatorFeatures', self._on_features),
-            ('GetSimulationState', self._on_get_state),
-            ('SetSimulationState', self._on_set_state),
-            ('ResetSimulation', self._on_reset),
-            ('StepSimulation', self._on_step),
-            ('GetCurrentWorld', self._on_world),
-            ('GetAvailableWorlds', self._on_worlds),
-        ):
-            topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
-            # An older version of the package may not have it.
-            if kind := getattr(standard.services, name, None):
-                node.create_service(kind, f'~/{topic}', callback)
+        answers = {
+            'GetSimulatorFeatures': self._on_features,
+            'GetSimulationState': self._on_get_state,
+            'SetSimulationState': self._on_set_state,
+            'ResetSimulation': self._on_reset,
+            'StepSimulation': self._on_step,
+            'GetCurrentWorld': self._on_world,
+            'GetAvailableWorlds': self._on_worlds,
+            'LoadWorld': self._on_load,
+            'UnloadWorld': self._on_unload,
+        }
+        standard.offer(node, answers)
 
     @property
     def state(self) -> int:
         """State in the numbers of the standard; stopped until played, paused or stepped."""
         states = standard.messages.SimulationState
+        if not self.node.world:
+            return int(states.STATE_NO_WORLD)
         if not self.node.paused and not self.node.failure:
             return int(states.STATE_PLAYING)
         stopped = self.stopped and self.node.seconds == 0.0
@@ -173,12 +187,15 @@ class StandardServices:
         result.result = standard.messages.Result.RESULT_OK
         if wanted == self.state:
             result.result = type(response).ALREADY_IN_TARGET_STATE
+        elif not self.node.world:
+            result.result = type(response).STATE_TRANSITION_ERROR
+            result.error_message = standard.NO_WORLD
         elif wanted == states.STATE_PLAYING and self.node.failure:
             result.result = type(response).STATE_TRANSITION_ERROR
             result.error_message = f'diverged, reset first: {self.node.failure}'
-        elif wanted == states.STATE_STOPPED and self.node.compiling:
+        elif wanted == states.STATE_STOPPED and self.node.waiting:
             result.result = type(response).STATE_TRANSITION_ERROR
-            result.error_message = self.node.compiling
+            result.error_message = self.node.waiting
         elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
             self.node.paused, self.stopped = wanted == states.STATE_PAUSED, False
         elif wanted == states.STATE_STOPPED:
@@ -200,9 +217,9 @@ class StandardServices:
         if not (time or state or despawn):
             response.result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
             response.result.error_message = f'scope must have bit 1, 2 or 4, got {scope}'
-        elif self.node.compiling:
+        elif self.node.waiting:
             response.result.result = standard.messages.Result.RESULT_OPERATION_FAILED
-            response.result.error_message = self.node.compiling
+            response.result.error_message = self.node.waiting
         else:
             if despawn:
                 despawn()
@@ -213,20 +230,46 @@ class StandardServices:
     def _on_step(self, request: Any, response: Any) -> Any:
         result = standard.messages.Result
         response.result.result = result.RESULT_OK
-        if self.node.compiling or not self.node.paused:
+        if self.node.waiting or not self.node.paused:
             response.result.result = result.RESULT_OPERATION_FAILED
-            response.result.error_message = self.node.compiling or STILL_RUNNING
+            response.result.error_message = self.node.waiting or STILL_RUNNING
             return response
         self.node.step(request.steps)
-        if why := self.node.failure or self.node.compiling:
+        if why := self.node.failure or self.node.waiting:
             response.result.result = result.RESULT_OPERATION_FAILED
             response.result.error_message = why
         return response
 
     def _on_world(self, _: Any, response: Any) -> Any:
-        fill_world(response.world, self.node.settings.scene)
-        response.result.result = standard.messages.Result.RESULT_OK
-        return response
+        if not self.node.world:
+            return answered(response, type(response).NO_WORLD_LOADED, standard.NO_WORLD)
+        fill_world(response.world, self.node.world)
+        return answered(response, standard.messages.Result.RESULT_OK)
+
+    def _on_load(self, request: Any, response: Any) -> Any:
+        codes, known = standard.messages.Result, type(response)
+        try:
+            source = world_source(request.world_resource, known)
+            if self.node.between:
+                raise Refused(codes.RESULT_OPERATION_FAILED, STEPPING)
+            scene = read_world(source, known)
+            self.node.load_world(source, scene)
+        except Refused as error:
+            return answered(response, error.code, str(error))
+        except ParameterError as error:
+            return answered(response, codes.RESULT_OPERATION_FAILED, str(error))
+        self.stopped = True
+        fill_world(response.world, source)
+        return answered(response, codes.RESULT_OK)
+
+    def _on_unload(self, _: Any, response: Any) -> Any:
+        codes = standard.messages.Result
+        if not self.node.world:
+            return answered(response, type(response).NO_WORLD_LOADED, standard.NO_WORLD)
+        if self.node.between:
+            return answered(response, codes.RESULT_OPERATION_FAILED, STEPPING)
+        self.node.unload_world()
+        return answered(response, codes.RESULT_OK)
 
     def _on_worlds(self, request: Any, response: Any) -> Any:
         result = standard.messages.Result
@@ -244,9 +287,37 @@ class StandardServices:
         return response
 
 
+def world_source(resource: Any, codes: Any) -> str:
+    """Return the name or the file of the scene that is a resource; raise Refused without one."""
+    if not resource.uri:
+        if resource.resource_string:
+            raise Refused(codes.UNSUPPORTED_FORMAT, 'resource_string must be empty: uri is needed')
+        raise Refused(codes.NO_RESOURCE, 'uri must be a scene: its name, its file or file://...')
+    scheme, _, path = resource.uri.rpartition('://')
+    source = unquote(path) if scheme else path
+    if scheme not in ('', 'file') or Path(source).suffix not in WORLD_FORMATS:
+        raise Refused(
+            codes.UNSUPPORTED_FORMAT,
+            f'uri must be a scene, as a YAML file or a URDF, got {quoted(cut(resource.uri))}',
+        )
+    return source
+
+
+def read_world(source: str, codes: Any) -> Scene:
+    """Return a scene by its name or from its file; raise Refused if there is none."""
+    try:
+        find_file(source, Path())
+    except ParameterError as error:
+        raise Refused(standard.messages.Result.RESULT_NOT_FOUND, str(error)) from None
+    try:
+        return load_scene(source)
+    except ParameterError as error:
+        raise Refused(codes.RESOURCE_PARSE_ERROR, str(error)) from None
+
+
 def fill_world(world: Any, source: str) -> None:
     """Fill a WorldResource with a scene, by its name or the name of its file."""
-    path = Path(source).resolve() if Path(source).is_file() else CONFIG / f'{source}.yaml'
+    path = find_file(source, Path()).resolve()
     world.name, world.world_resource.uri = path.stem, path.as_uri()
     world.description = 'scene of snake_sim_ros: robot, friction, obstacles and gait'
 
@@ -286,8 +357,8 @@ class ServedSteps:
     def _on_accepted(self, goal: Any) -> None:
         if self._goal is not None:
             self._end(goal, 'another goal takes steps')
-        elif self._node.compiling or not self._node.paused:
-            self._end(goal, self._node.compiling or STILL_RUNNING)
+        elif self._node.waiting or not self._node.paused:
+            self._end(goal, self._node.waiting or STILL_RUNNING)
         else:
             self._goal, self._done, self._wanted = goal, 0, goal.request.steps
             self._is_canceled, self._node.between = False, self._advance
@@ -301,10 +372,10 @@ class ServedSteps:
     def _advance(self) -> None:
         """Take a step, or end the goal."""
         node, goal = self._node, self._goal
-        why = node.failure or node.compiling or ('' if node.paused else 'no longer paused')
+        why = node.failure or node.waiting or ('' if node.paused else 'no longer paused')
         if not (why or self._is_canceled) and self._done < self._wanted:
             node.step()
-            why = node.failure or node.compiling
+            why = node.failure or node.waiting
             if not why:
                 self._done += 1
                 feedback = self._kind.Feedback(
@@ -363,6 +434,7 @@ class Handling:
     settings : Settings
         The node replaces them when its parameters change.
     refusals : Refusals
+    simulation : Simulation
     placing : Placing
 
     """
@@ -375,20 +447,23 @@ class Handling:
         refusals: Refusals,
         moved: Callable[[], Any],
     ) -> None:
-        self.settings, self.refusals = settings, refusals
-        self._simulation, self.placing = simulation, Placing(simulation, moved)
-        settings.pushed_link(simulation.scene.robot)
+        self.settings, self.refusals, self._moved = settings, refusals, moved
+        self.begin(simulation)
         node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
         node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
 
+    def begin(self, simulation: Simulation) -> None:
+        """Push and place the robot of a simulation from now on."""
+        self.simulation, self.placing = simulation, Placing(simulation, self._moved)
+
     def limit(self) -> None:
         """End the pushes of messages if the robot moves too fast."""
-        if not self._simulation.pushes:
+        if not self.simulation.pushes:
             return
-        u = self._simulation.state.u
+        u = self.simulation.state.u
         speed, spin = (float(np.abs(part).max()) for part in np.split(u, 2, axis=1))
         if not (speed <= FASTEST and spin <= FASTEST_TURN):
-            self._simulation.pushes.clear()
+            self.simulation.pushes.clear()
             self.refusals.add('push', f'push: ended, since a link moves {too_fast(speed, spin)}')
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -405,7 +480,7 @@ class Handling:
             self.refusals.add('push', f'push: {error}')
 
     def _begin(self, message: WrenchStamped) -> None:
-        robot, frame = self._simulation.scene.robot, message.header.frame_id.rpartition('/')[2]
+        robot, frame = self.simulation.scene.robot, message.header.frame_id.rpartition('/')[2]
         force = numbers_of(message.wrench.force, 'xyz', 'force')
         torque = numbers_of(message.wrench.torque, 'xyz', 'torque')
         turns = False
@@ -421,11 +496,11 @@ class Handling:
             force, torque = frame_of_link @ force, frame_of_link @ torque
         self._check(link, force, torque)
         duration = self.settings.push_duration
-        self._simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
+        self.simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
 
     def _check(self, link: int, force: Array, torque: Array) -> None:
         """Raise an error if the link alone would become too fast in a publish period."""
-        robot, period = self._simulation.scene.robot, 1.0 / self.settings.publish_rate
+        robot, period = self.simulation.scene.robot, 1.0 / self.settings.publish_rate
         inertia = robot.per_link('inertia_transversal')[link]
         speed = float(np.abs(force).max() / robot.per_link('link_mass')[link]) * period
         spin = float(np.abs(torque).max() / inertia) * period

@@ -7,16 +7,16 @@ A peg is a round vertical post of any height. Its resource is the URI `peg`, or 
 that is a cylinder. The first peg of a scene needs other machine code: simulated time waits for it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.nodes import standard
 from snake_sim_ros.nodes.placing import check_frame, FARTHEST, numbers_of, UNIT_ERROR
+from snake_sim_ros.nodes.standard import Refused
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Pegs, Scene
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
@@ -29,14 +29,6 @@ RADIUS = 0.05  # m, of a peg without a URDF
 UPRIGHT = 1e-3  # by which the cosine of the tilt of a peg may be off 1
 INSIDE = 1e-6  # m by which a link may be inside a peg that is spawned
 MOST = 200  # pegs
-
-
-class Refused(ValueError):
-    """Nothing is spawned; `code` is that of the result."""
-
-    def __init__(self, code: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.code = code
 
 
 class SpawnedPegs:
@@ -55,26 +47,28 @@ class SpawnedPegs:
     ----------
     names : list of str
         Of all pegs, in the order of the scene.
+    answers : mapping
+        Services by the names of their types -> what answers them.
 
     """
 
     def __init__(
         self, simulation: Simulation, scene: Callable[[], Scene], change: Callable[[Scene], None]
     ) -> None:
-        self._simulation, self._scene, self._change = simulation, scene, change
+        self._scene, self._change = scene, change
+        self.answers: Mapping[str, standard.Answer] = {
+            'SpawnEntity': self._on_spawn,
+            'SpawnEntities': self._on_spawn_several,
+            'DeleteEntity': self._on_delete,
+            'GetSpawnables': self._on_spawnables,
+        }
+        self.begin(simulation)
+
+    def begin(self, simulation: Simulation) -> None:
+        """Name the pegs of a simulation, none of which is spawned."""
+        self._simulation = simulation
         self.names = [f'{PEG}{k + 1}' for k in range(len(simulation.scene.pegs.x))]
         self._own = set(self.names)  # those that are not spawned
-
-    def serve(self, node: Node) -> None:
-        """Offer the services that the package has."""
-        for name, topic, answer in (
-            ('SpawnEntity', 'spawn_entity', self._on_spawn),
-            ('SpawnEntities', 'spawn_entities', self._on_spawn_several),
-            ('DeleteEntity', 'delete_entity', self._on_delete),
-            ('GetSpawnables', 'get_spawnables', self._on_spawnables),
-        ):
-            if kind := getattr(standard.services, name, None):
-                node.create_service(kind, f'~/{topic}', answer)
 
     def despawn(self) -> None:
         """Remove all pegs that were spawned."""

@@ -8,7 +8,9 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, Vector3
 import numpy as np
 import pytest
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter, parameter_value_to_python
 from sim_client import connected, SimClient
 from simulation_interfaces import srv
 from simulation_interfaces.action import SimulateSteps
@@ -23,6 +25,9 @@ from simulation_interfaces.msg import (
     SpawnEntity,
     SpawnResult,
 )
+from std_msgs.msg import String
+
+from snake_sim_ros.nodes.messages import LATCHED
 
 ROBOT = 'snake_robot'
 PEGS = ['pegs.x:=[1.0, -3.0]', 'pegs.y:=[3.0, 0.5]']
@@ -51,6 +56,8 @@ SERVED = {
     'STEP_SIMULATION_ACTION': 'simulate_steps/_action/send_goal',
     'WORLD_INFO_GETTING': 'get_current_world',
     'AVAILABLE_WORLDS': 'get_available_worlds',
+    'WORLD_LOADING': 'load_world',
+    'WORLD_UNLOADING': 'unload_world',
 }
 
 
@@ -83,10 +90,11 @@ class Standard(SimClient):
 
 @pytest.fixture(scope='module')
 def sims(make_graph):
-    """Return a paused sim at each level, the second one with pegs."""
+    """Return a paused sim at each level, the second one with pegs, and one for other worlds."""
     return connected(
         Standard(make_graph(), 'start_paused:=true', 'level:=planar'),
         Standard(make_graph(), 'start_paused:=true', 'level:=spatial', *PEGS),
+        Standard(make_graph(), 'start_paused:=true'),
     )
 
 
@@ -366,3 +374,99 @@ def test_worlds_are_the_scenes_of_the_package(spatial):
     worlds = spatial.ok('GetAvailableWorlds').worlds
     assert {'lateral_undulation', 'sidewinding', 'obstacle_aided'} <= {w.name for w in worlds}
     assert 'aiko' not in {w.name for w in worlds}  # a robot
+
+
+# ---- other worlds -------------------------------------------------------------------------------
+
+OTHER = """
+dt: 0.0005
+level: spatial
+robot: {link_count: 4}
+pegs: {x: [2.0], y: [0.0]}
+friction: {longitudinal: 0.2}
+"""
+
+
+@pytest.fixture
+def moved(sims):
+    """Return a sim whose worlds change."""
+    sims[2].ok('LoadWorld', world_resource=Resource(uri='lateral_undulation'))
+    return sims[2]
+
+
+def test_world_with_another_robot_is_loaded_while_time_runs(moved, tmp_path):
+    sim, states, node = moved, SimulationState, moved.graph.node
+    file = tmp_path / 'other.yaml'
+    file.write_text(OTHER)
+    descriptions = []
+    node.create_subscription(String, '/robot_description', descriptions.append, LATCHED)
+    sim.ok('SetSimulationState', state=states(state=states.STATE_PLAYING))
+    sim.graph.until(lambda: sim.now > 0.05, 'time')
+    world = sim.ok('LoadWorld', world_resource=Resource(uri=file.as_uri())).world
+    assert world.name == 'other' and world == sim.ok('GetCurrentWorld').world
+    assert sim.ok('GetSimulationState').state.state == states.STATE_STOPPED
+    # Whoever listened hears the state at once: time 0, and fewer joints.
+    sim.graph.until(lambda: sim.now == 0.0, 'the start of the other world')
+    assert len(sim.joint_states[-1].name) == 6 and len(sim.link_poses[-1].poses) == 4
+    assert listed(sim) == [ROBOT, 'peg_1']
+    assert sim.entity('peg_1').pose.position.x == 2.0
+    sim.graph.until(lambda: 'joint_3_pitch' in descriptions[-1].data, 'the other robot')
+    assert 'joint_4_pitch' not in descriptions[-1].data
+    request = GetParameters.Request(
+        names=['scene', 'dt', 'robot.link_count', 'friction.longitudinal', 'publish_rate']
+    )
+    found = sim.graph.call(GetParameters, '/sim/get_parameters', request).values
+    values = [parameter_value_to_python(value) for value in found]
+    assert values == [str(file), 0.0005, 4, 0.2, 200.0]
+    value = Parameter('friction.longitudinal', value=0.3).to_parameter_msg()
+    request = SetParameters.Request(parameters=[value])
+    (changed,) = sim.graph.call(SetParameters, '/sim/set_parameters', request).results
+    assert changed.successful, changed.reason
+    # It takes commands, and steps of its own length: a period is still 5 ms.
+    sim.send({'joint_1_yaw': 0.01})
+    sim.ok('StepSimulation', steps=100)
+    sim.graph.until(lambda: sim.now == pytest.approx(0.5), 'steps')
+    assert 0.005 < sim.joint_states[-1].position[0] < 0.015  # friction of contacts holds it
+    sim.send({'joint_10_yaw': 0.01})
+    sim.graph.until(lambda: sim.process.count("unknown joint 'joint_10_yaw'"), 'a refusal')
+
+
+def test_world_that_is_refused_leaves_all_as_it_is(spatial, tmp_path):
+    before, codes = spatial.entity(), srv.LoadWorld.Response
+    slow, wrong = tmp_path / 'slow.yaml', tmp_path / 'wrong.yaml'
+    slow.write_text('dt: 0.003')
+    wrong.write_text('frictoin: 1')
+    for resource, code, said in (
+        (Resource(), codes.NO_RESOURCE, 'must be a scene'),
+        (Resource(resource_string=OTHER), codes.UNSUPPORTED_FORMAT, 'uri is needed'),
+        (Resource(uri='model://house'), codes.UNSUPPORTED_FORMAT, 'YAML file or a URDF'),
+        (Resource(uri='sidwinding'), Result.RESULT_NOT_FOUND, "did you mean 'sidewinding'?"),
+        (Resource(uri=str(wrong)), codes.RESOURCE_PARSE_ERROR, 'frictoin'),
+        (Resource(uri=str(slow)), Result.RESULT_OPERATION_FAILED, 'publish period'),
+    ):
+        response, found = spatial.ask('LoadWorld', world_resource=resource)
+        assert found == code and said in response.result.error_message, response
+    assert spatial.entity() == before
+    assert spatial.ok('GetCurrentWorld').world.name == 'lateral_undulation'
+
+
+def test_without_a_world_time_waits_for_one(moved):
+    states, failed = SimulationState, Result.RESULT_OPERATION_FAILED
+    for world in moved.ok('GetAvailableWorlds').worlds:
+        if world.name == 'sidewinding':
+            break
+    moved.ok('UnloadWorld')
+    assert moved.ask('UnloadWorld')[1] == srv.UnloadWorld.Response.NO_WORLD_LOADED
+    assert moved.ask('GetCurrentWorld')[1] == srv.GetCurrentWorld.Response.NO_WORLD_LOADED
+    assert moved.ok('GetSimulationState').state.state == states.STATE_NO_WORLD
+    playing = states(state=states.STATE_PLAYING)
+    answer, code = moved.ask('SetSimulationState', state=playing)
+    assert code == srv.SetSimulationState.Response.STATE_TRANSITION_ERROR
+    assert 'call ~/load_world' in answer.result.error_message
+    for name in ('GetEntities', 'StepSimulation', 'ResetSimulation', 'GetSpawnables'):
+        assert moved.ask(name)[1] == failed
+    assert not moved.pause(False).success
+    moved.ok('LoadWorld', world_resource=world.world_resource)
+    moved.ok('SetSimulationState', state=playing)
+    moved.graph.until(lambda: 0.02 < moved.now < 1.0, 'time')
+    moved.pause(True)

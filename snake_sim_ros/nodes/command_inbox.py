@@ -431,6 +431,10 @@ class CommandInbox:
             remarks.append(f'no {self._silent} any more; the last one is held')
         return remarks
 
+    def close(self) -> None:
+        """Listen to no other publishers any more."""
+        self._others.close()
+
     def end_interval(self) -> None:
         """Begin the next interval of diagnostics, after a look for other publishers."""
         self._others.look(self._topics, clock=self.settings.publish_clock)
@@ -506,6 +510,11 @@ class OtherPublishers:
             self._look_at(CLOCK, Clock, self._speakers(CLOCK), advice)
         for topic in self._listeners.keys() - {*speakers, CLOCK}:
             self._listeners.pop(topic).close()
+
+    def close(self) -> None:
+        """Hear no more messages."""
+        while self._listeners:
+            self._listeners.popitem()[1].close()
 
     def _speakers(self, topic: str) -> list[str]:
         return sorted(

@@ -4,9 +4,9 @@
 The entities of a simulation, by the services of simulation_interfaces.
 
 They are offered where that package is installed. The entity `snake_robot`, as the URDF calls it,
-has pose and twist of ``base_link``, which may be set. Pegs of the scene are `peg_1` and so on;
-pegs may be spawned and deleted, see `spawning`, and stay where they are. The state of a link, such
-as `link_6`, can be asked for under its name, too.
+has pose and twist of ``base_link``, which may be set. Pegs of the scene are `peg_1` and so on, and
+stay where they are. More robots and pegs may be spawned and deleted, see `spawning`. The state of
+a link, such as `link_6`, or `two/link_6` of a robot `two`, can be asked for under its name, too.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,10 +17,10 @@ from geometry_msgs.msg import Vector3
 import numpy as np
 
 from snake_sim_ros.nodes import standard
+from snake_sim_ros.nodes.live_robot import LiveRobot
 from snake_sim_ros.nodes.messages import WORLD
 from snake_sim_ros.nodes.placing import base_pose, base_twist, UnusablePose
-from snake_sim_ros.nodes.sim_services import Handling
-from snake_sim_ros.nodes.spawning import SpawnedPegs
+from snake_sim_ros.nodes.spawning import Spawning
 from snake_sim_ros.nodes.standard import answered, Refused
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
@@ -49,9 +49,10 @@ class EntityServices:
 
     Parameters
     ----------
-    robot : Handling
-        Of the robot, whose simulation it has.
-    pegs : SpawnedPegs
+    robots : mapping
+        Name -> LiveRobot, first that of the scene.
+    spawning : Spawning
+        Knows the pegs.
 
     Attributes
     ----------
@@ -60,8 +61,8 @@ class EntityServices:
 
     """
 
-    def __init__(self, robot: Handling, pegs: SpawnedPegs) -> None:
-        self._robot, self._pegs = robot, pegs
+    def __init__(self, robots: Mapping[str, LiveRobot], spawning: Spawning) -> None:
+        self._robots, self._spawning = robots, spawning
         self.answers: Mapping[str, standard.Answer] = {
             'GetEntities': self._on_list,
             'GetEntityInfo': self._on_info,
@@ -74,7 +75,7 @@ class EntityServices:
     @property
     def names(self) -> list[str]:
         """Names of all entities."""
-        return [ROBOT_NAME, *self._pegs.names]
+        return [*self._robots, *self._spawning.pegs]
 
     # ---- requests -------------------------------------------------------------------------------
 
@@ -96,8 +97,8 @@ class EntityServices:
         if why := self._unknown(request.entity):
             return answered(response, standard.messages.Result.RESULT_NOT_FOUND, why)
         info, kinds = response.info, standard.messages.EntityCategory
-        if request.entity == ROBOT_NAME:
-            robot = self._robot.simulation.scene.robot
+        if request.entity in self._robots:
+            robot = self._robots[request.entity].simulation.scene.robot
             info.category.category = kinds.CATEGORY_ROBOT
             info.description = (
                 f'snake robot of {robot.link_count} links and {len(robot.axis_names)} joint axes'
@@ -108,14 +109,13 @@ class EntityServices:
         return answered(response, standard.messages.Result.RESULT_OK)
 
     def _on_state(self, request: Any, response: Any) -> Any:
-        robot, codes = self._robot.simulation.scene.robot, standard.messages.Result
-        if self._unknown(request.entity):
-            try:
-                link_index(request.entity, robot, 'entity')
-            except ParameterError as error:
-                why = f'{error}, the robot {ROBOT_NAME}'
-                return answered(response, codes.RESULT_NOT_FOUND, why)
-        fill_state(response.state, self._state(request.entity))
+        codes = standard.messages.Result
+        try:
+            state = self._state(request.entity)
+        except ParameterError as error:
+            why = f'{error}, the robot {ROBOT_NAME}'
+            return answered(response, codes.RESULT_NOT_FOUND, why)
+        fill_state(response.state, state)
         return answered(response, codes.RESULT_OK)
 
     def _on_bounds(self, request: Any, response: Any) -> Any:
@@ -129,7 +129,7 @@ class EntityServices:
 
     def _on_set(self, request: Any, response: Any) -> Any:
         codes, state = standard.messages.Result, request.state
-        if request.entity != ROBOT_NAME:
+        if request.entity not in self._robots:
             if self._unknown(request.entity):
                 why = f'entity must be {ROBOT_NAME}, got {quoted(request.entity)}'
                 return answered(response, codes.RESULT_NOT_FOUND, why)
@@ -144,7 +144,7 @@ class EntityServices:
             why = 'accelerations follow from forces, which ~/push gives a link'
             return answered(response, codes.RESULT_FEATURE_UNSUPPORTED, why)
         try:
-            self._robot.placing.put(
+            self._robots[request.entity].handling.placing.put(
                 state.header.frame_id,
                 pose=state.pose if pose else None,
                 twist=state.twist if twist else None,
@@ -166,26 +166,36 @@ class EntityServices:
 
     def _state(self, name: str) -> EntityState:
         """Return the state of an entity or a link."""
-        scene, state = self._robot.simulation.scene, self._robot.simulation.state
-        robot = scene.robot
-        if name in self._pegs.names:
-            x, y, _ = scene.pegs.axes[self._pegs.names.index(name)]
+        if name in self._spawning.pegs:
+            x, y, _ = self._axis(name)
             return EntityState(np.array([x, y, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
-        if name == ROBOT_NAME:
+        owner, _, link_name = name.rpartition('/')
+        found = self._robots.get(name) or self._robots.get(owner or ROBOT_NAME)
+        if found is None:
+            raise ParameterError(f'entity: no robot {quoted(owner)}')
+        robot, state = found.simulation.scene.robot, found.simulation.state
+        if name in self._robots:
             return EntityState(*base_pose(robot, state), *base_twist(robot, state))
-        link = link_index(name, robot, 'entity')
+        link = link_index(link_name, robot, 'entity')
         positions, orientations = own_poses(robot, state.q)
         twist = base_twist(robot, state, link)
         return EntityState(positions[link], orientations[link, [1, 2, 3, 0]], *twist)
 
+    def _axis(self, peg: str) -> Array:
+        """Return x, y and radius of a peg, shape (3,) [m]."""
+        axes = self._robots[ROBOT_NAME].simulation.scene.pegs.axes
+        return np.asarray(axes[self._spawning.pegs.index(peg)])
+
     def _box(self, name: str, *, of_entity: bool) -> tuple[Array, Array]:
         """Return the corners of a box around an entity, in its own frame or in the world [m]."""
-        scene, state = self._robot.simulation.scene, self._robot.simulation.state
-        if name != ROBOT_NAME:
-            x, y, radius = scene.pegs.axes[self._pegs.names.index(name)]
-            center = STILL[:2] if of_entity else np.array([x, y])
-            height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
+        if name not in self._robots:
+            *place, radius = self._axis(name)
+            center = np.zeros(2) if of_entity else np.array(place)
+            robot = self._robots[ROBOT_NAME].simulation.scene.robot
+            height = PEG_HEIGHT * robot.per_link('contact_radius').max()
             return np.append(center - radius, 0.0), np.append(center + radius, height)
+        simulation = self._robots[name].simulation
+        scene, state = simulation.scene, simulation.state
         ends, radius = link_ends(scene, state.q)
         if of_entity:
             position, (x, y, z, w) = base_pose(scene.robot, state)
@@ -217,7 +227,7 @@ class EntityServices:
             raise Refused(codes.RESULT_FEATURE_UNSUPPORTED, str(error)) from None
 
         def passes(name: str) -> bool:
-            is_robot = name == ROBOT_NAME
+            is_robot = name in self._robots
             category = kinds.CATEGORY_ROBOT if is_robot else kinds.CATEGORY_STATIC_OBJECT
             if (categories and category not in categories) or not wanted.search(name):
                 return False
@@ -286,6 +296,7 @@ def numbers_in(message: Any) -> list[float]:
     return [message.x, message.y, message.z]
 
 
-def serve_entities(node: Any, robot: Handling, pegs: SpawnedPegs) -> None:
+def serve_entities(node: Any, robots: Mapping[str, LiveRobot], spawning: Spawning) -> None:
     """Offer the services of entities of a node where simulation_interfaces is installed."""
-    standard.offer_with_world(node, {**EntityServices(robot, pegs).answers, **pegs.answers})
+    answers = EntityServices(robots, spawning).answers
+    standard.offer_with_world(node, {**answers, **spawning.answers})

@@ -73,7 +73,7 @@ class Controllable(Protocol):
     paused: bool
     failure: str
     waiting: str  # a sentence on what simulated time waits for; empty: nothing
-    world: str  # name or file of the scene; empty: none is loaded
+    world: str  # file of the scene; empty: none is loaded
     seconds: float
     settings: Settings
     between: Callable[[], None] | None  # what is done between messages while time stands still
@@ -243,7 +243,7 @@ class StandardServices:
     def _on_world(self, _: Any, response: Any) -> Any:
         if not self.node.world:
             return answered(response, type(response).NO_WORLD_LOADED, standard.NO_WORLD)
-        fill_world(response.world, self.node.world)
+        fill_world(response.world, Path(self.node.world))
         return answered(response, standard.messages.Result.RESULT_OK)
 
     def _on_load(self, request: Any, response: Any) -> Any:
@@ -259,7 +259,7 @@ class StandardServices:
         except ParameterError as error:
             return answered(response, codes.RESULT_OPERATION_FAILED, str(error))
         self.stopped = True
-        fill_world(response.world, source)
+        fill_world(response.world, Path(self.node.world))
         return answered(response, codes.RESULT_OK)
 
     def _on_unload(self, _: Any, response: Any) -> Any:
@@ -283,7 +283,7 @@ class StandardServices:
             return response
         for name in files_of_package(robots=False):
             response.worlds.append(standard.messages.WorldResource())
-            fill_world(response.worlds[-1], name)
+            fill_world(response.worlds[-1], find_file(name, Path()))
         return response
 
 
@@ -315,9 +315,8 @@ def read_world(source: str, codes: Any) -> Scene:
         raise Refused(codes.RESOURCE_PARSE_ERROR, str(error)) from None
 
 
-def fill_world(world: Any, source: str) -> None:
-    """Fill a WorldResource with a scene, by its name or the name of its file."""
-    path = find_file(source, Path()).resolve()
+def fill_world(world: Any, path: Path) -> None:
+    """Fill a WorldResource with the scene of a file."""
     world.name, world.world_resource.uri = path.stem, path.as_uri()
     world.description = 'scene of snake_sim_ros: robot, friction, obstacles and gait'
 

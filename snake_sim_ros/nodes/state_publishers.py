@@ -374,7 +374,9 @@ class StatePublishers:
 
     """
 
-    def __init__(self, node: Node, simulation: Simulation, settings: Settings) -> None:
+    def __init__(
+        self, node: Node, simulation: Simulation, settings: Settings, *, has_clock: bool = True
+    ) -> None:
         self._node, self._prefix = node, settings.frame_prefix
         if self._prefix == 'auto':
             self._prefix = f'{node.get_namespace()}/'.lstrip('/')
@@ -389,7 +391,8 @@ class StatePublishers:
         self._odom = node.create_publisher(Odometry, 'odom', 10)
         self._markers = node.create_publisher(MarkerArray, 'markers', 10)
         self._marked = 0.0  # wall time of the last markers [s]
-        clock, description = settings.publish_clock, settings.publish_robot_description
+        clock = has_clock and settings.publish_clock
+        description = settings.publish_robot_description
         self._clock = node.create_publisher(Clock, '/clock', LAST_TIME) if clock else None
         self._description = (
             node.create_publisher(String, 'robot_description', LATCHED) if description else None

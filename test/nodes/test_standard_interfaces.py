@@ -21,7 +21,7 @@ from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.nodes import sim_services, standard, state_publishers
 from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.placing import Placing
-from snake_sim_ros.nodes.spawning import SpawnedPegs
+from snake_sim_ros.nodes.spawning import Spawning
 from snake_sim_ros.nodes.state_messages import StateMessages
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import find_file
@@ -93,7 +93,8 @@ class Node:
     def load_world(self, source, scene):
         if scene.dt > 0.005:
             raise ParameterError('publish period must be a multiple of dt')
-        self.world, self.paused, self.seconds = source, True, 0.0
+        self.world, self.paused = str(find_file(source, Path()).resolve()), True
+        self.seconds = 0.0
 
     def unload_world(self):
         self.world, self.paused, self.waiting = '', True, standard.NO_WORLD
@@ -237,7 +238,7 @@ def test_a_world_is_loaded_by_name_and_by_file(node, tmp_path):
         node.seconds = 1.0
         result, world = load(node, uri)
         assert (result, world.name) == (Result.RESULT_OK, name)
-        assert world.world_resource.uri == find_file(node.world, Path()).resolve().as_uri()
+        assert world.world_resource.uri == Path(node.world).as_uri()
         assert node.state() == State.STATE_STOPPED
         assert node.call('get_current_world')[1].world == world
 
@@ -301,14 +302,16 @@ class Entities:
 
     def __init__(self, scene):
         self.simulation, self.services, self.moved = Simulation(scene), {}, 0
+        handling = SimpleNamespace(placing=Placing(self.simulation, self.count))
+        robot = SimpleNamespace(
+            simulation=self.simulation, handling=handling, scene=self.simulation.scene
+        )
         self.node = SimpleNamespace(
             world='it is there',
+            robots={'snake_robot': robot},
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
-        pegs = SpawnedPegs(self.simulation, lambda: self.simulation.scene, self.simulation.change)
-        placing = Placing(self.simulation, self.count)
-        robot = SimpleNamespace(simulation=self.simulation, placing=placing)
-        serve_entities(self.node, robot, pegs)
+        serve_entities(self.node, self.node.robots, Spawning(self.node))
 
     def count(self):
         self.moved += 1

@@ -321,7 +321,7 @@ class CommandInbox:
             horizon=settings.command_horizon,
             period=1.0 / settings.publish_rate,
         )
-        return replace(command, jump=jump)
+        return replace(command, jump=jump) if jump else command
 
     def _placed(self, message: JointTrajectory) -> ReceivedTrajectory:
         """Return the effect of a trajectory that begins now or at its stamp."""
@@ -334,9 +334,9 @@ class CommandInbox:
 
     def _reference_from_torques(self, now: float) -> JointReference:
         """Return the reference with axes that follow torques where they are, for what is next."""
-        free = np.flatnonzero(self.modes.free)
-        if not len(free):
+        if not self.modes.free.any():
             return self._reference
+        free = np.flatnonzero(self.modes.free)
         limits = self._simulation.scene.robot.limits
         angle = np.clip(self._measured_angle(), limits.low, limits.high).ravel()[free]
         self.limiter.resume(free, angle)
@@ -374,6 +374,8 @@ class CommandInbox:
         """Let the joints of a command be moved by what it has: references, torques, or both."""
         axes, given = command.given
         self._unclaimed[:, axes] &= ~given
+        if not (command.effort or self.modes.free.any()):  # All controllers are on, and stay so.
+            return
         by_reference = given[0] | given[1]
         back = axes[by_reference & self.modes.free.flat[axes]]
         if command.effort or len(back):

@@ -10,9 +10,7 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import unquote
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 import numpy as np
@@ -26,11 +24,10 @@ from snake_sim_ros.nodes.executors import Refusals
 from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
 from snake_sim_ros.nodes.placing import FASTEST, FASTEST_TURN, numbers_of, Placing, too_fast
 from snake_sim_ros.nodes.sim_parameters import Settings
-from snake_sim_ros.nodes.standard import answered, Refused
+from snake_sim_ros.nodes.worlds import Loadable, Worlds
 from snake_sim_ros.recording.sensors import link_index
-from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
-from snake_sim_ros.scene.files import files_of_package, find_file
-from snake_sim_ros.scene.parameters import Array, load_scene, Scene
+from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.simulation import Simulation
 
 # ---- reset, pause and step ----------------------------------------------------------------------
@@ -43,8 +40,6 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
-STEPPING = 'steps are taken: cancel the goal of ~/simulate_steps first'
-WORLD_FORMATS = ('', '.yaml', '.yml', '.urdf')  # suffixes of files
 FEATURES = {  # what serves it -> features
     'GetEntities': ('ENTITY_BOUNDS_BOX', 'ENTITY_CATEGORIES'),
     'GetEntityBounds': ('ENTITY_BOUNDS',),
@@ -67,16 +62,13 @@ FEATURES = {  # what serves it -> features
 }
 
 
-class Controllable(Protocol):
+class Controllable(Loadable, Protocol):
     """A node whose simulated time the services control."""
 
     paused: bool
     failure: str
     waiting: str  # a sentence on what simulated time waits for; empty: nothing
-    world: str  # file of the scene; empty: none is loaded
     seconds: float
-    settings: Settings
-    between: Callable[[], None] | None  # what is done between messages while time stands still
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
         """Offer a service, as every node can."""
@@ -86,12 +78,6 @@ class Controllable(Protocol):
 
     def step(self, count: int = 1) -> None:
         """Advance by some publish periods."""
-
-    def load_world(self, source: str, scene: Scene) -> None:
-        """Continue with another scene, paused; raise ParameterError if the node cannot run it."""
-
-    def unload_world(self) -> None:
-        """Let simulated time wait for another scene."""
 
 
 class SimulationServices:
@@ -143,12 +129,8 @@ class StandardServices:
             'SetSimulationState': self._on_set_state,
             'ResetSimulation': self._on_reset,
             'StepSimulation': self._on_step,
-            'GetCurrentWorld': self._on_world,
-            'GetAvailableWorlds': self._on_worlds,
-            'LoadWorld': self._on_load,
-            'UnloadWorld': self._on_unload,
         }
-        standard.offer(node, answers)
+        standard.offer(node, {**answers, **Worlds(node, self._on_loaded).answers})
 
     @property
     def state(self) -> int:
@@ -160,6 +142,9 @@ class StandardServices:
             return int(states.STATE_PLAYING)
         stopped = self.stopped and self.node.seconds == 0.0
         return int(states.STATE_STOPPED if stopped else states.STATE_PAUSED)
+
+    def _on_loaded(self) -> None:
+        self.stopped = True
 
     def _on_features(self, _: Any, response: Any) -> Any:
         features = standard.messages.SimulatorFeatures
@@ -239,86 +224,6 @@ class StandardServices:
             response.result.result = result.RESULT_OPERATION_FAILED
             response.result.error_message = why
         return response
-
-    def _on_world(self, _: Any, response: Any) -> Any:
-        if not self.node.world:
-            return answered(response, type(response).NO_WORLD_LOADED, standard.NO_WORLD)
-        fill_world(response.world, Path(self.node.world))
-        return answered(response, standard.messages.Result.RESULT_OK)
-
-    def _on_load(self, request: Any, response: Any) -> Any:
-        codes, known = standard.messages.Result, type(response)
-        try:
-            source = world_source(request.world_resource, known)
-            if self.node.between:
-                raise Refused(codes.RESULT_OPERATION_FAILED, STEPPING)
-            scene = read_world(source, known)
-            self.node.load_world(source, scene)
-        except Refused as error:
-            return answered(response, error.code, str(error))
-        except ParameterError as error:
-            return answered(response, codes.RESULT_OPERATION_FAILED, str(error))
-        self.stopped = True
-        fill_world(response.world, Path(self.node.world))
-        return answered(response, codes.RESULT_OK)
-
-    def _on_unload(self, _: Any, response: Any) -> Any:
-        codes = standard.messages.Result
-        if not self.node.world:
-            return answered(response, type(response).NO_WORLD_LOADED, standard.NO_WORLD)
-        if self.node.between:
-            return answered(response, codes.RESULT_OPERATION_FAILED, STEPPING)
-        self.node.unload_world()
-        return answered(response, codes.RESULT_OK)
-
-    def _on_worlds(self, request: Any, response: Any) -> Any:
-        result = standard.messages.Result
-        response.result.result = result.RESULT_OK
-        why = 'scenes have no tags' if request.filter.tags else ''
-        if request.additional_sources and not request.continue_on_error:
-            why = 'only the scenes of the package are listed, no additional sources'
-        if why:
-            response.result.result = result.RESULT_FEATURE_UNSUPPORTED
-            response.result.error_message = why
-            return response
-        for name in files_of_package(robots=False):
-            response.worlds.append(standard.messages.WorldResource())
-            fill_world(response.worlds[-1], find_file(name, Path()))
-        return response
-
-
-def world_source(resource: Any, codes: Any) -> str:
-    """Return the name or the file of the scene that is a resource; raise Refused without one."""
-    if not resource.uri:
-        if resource.resource_string:
-            raise Refused(codes.UNSUPPORTED_FORMAT, 'resource_string must be empty: uri is needed')
-        raise Refused(codes.NO_RESOURCE, 'uri must be a scene: its name, its file or file://...')
-    scheme, _, path = resource.uri.rpartition('://')
-    source = unquote(path) if scheme else path
-    if scheme not in ('', 'file') or Path(source).suffix not in WORLD_FORMATS:
-        raise Refused(
-            codes.UNSUPPORTED_FORMAT,
-            f'uri must be a scene, as a YAML file or a URDF, got {quoted(cut(resource.uri))}',
-        )
-    return source
-
-
-def read_world(source: str, codes: Any) -> Scene:
-    """Return a scene by its name or from its file; raise Refused if there is none."""
-    try:
-        find_file(source, Path())
-    except ParameterError as error:
-        raise Refused(standard.messages.Result.RESULT_NOT_FOUND, str(error)) from None
-    try:
-        return load_scene(source)
-    except ParameterError as error:
-        raise Refused(codes.RESOURCE_PARSE_ERROR, str(error)) from None
-
-
-def fill_world(world: Any, path: Path) -> None:
-    """Fill a WorldResource with the scene of a file."""
-    world.name, world.world_resource.uri = path.stem, path.as_uri()
-    world.description = 'scene of snake_sim_ros: robot, friction, obstacles and gait'
 
 
 class ServedSteps:

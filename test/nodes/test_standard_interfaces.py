@@ -23,7 +23,7 @@ from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.placing import Placing
 from snake_sim_ros.nodes.spawning import Spawning
 from snake_sim_ros.nodes.state_messages import StateMessages
-from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
 from snake_sim_ros.scene.files import find_file
 from snake_sim_ros.scene.rotations import rotation_matrices
 
@@ -44,7 +44,7 @@ class Features:
     SIMULATION_RESET, SIMULATION_RESET_TIME, SIMULATION_RESET_STATE = 20, 21, 22
     SIMULATION_STATE_GETTING, SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE = 24, 25, 26
     STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE = 31, 32
-    WORLD_LOADING, WORLD_UNLOADING, WORLD_INFO_GETTING = 40, 43, 44
+    WORLD_LOADING, WORLD_UNLOADING, WORLD_INFO_GETTING, AVAILABLE_WORLDS = 40, 43, 44, 45
 
 
 class Reset:
@@ -63,11 +63,16 @@ class Answer:
         self.result = SimpleNamespace(result=None, error_message='')
         self.state = SimpleNamespace(state=None)
         self.features = SimpleNamespace(features=None, custom_info='')
-        self.world = SimpleNamespace(name='', world_resource=SimpleNamespace(uri=''))
+        self.world = World()
+
+
+def World():
+    return SimpleNamespace(name='', world_resource=SimpleNamespace(uri=''))
 
 
 NAMES = ('GetSimulatorFeatures', 'GetSimulationState', 'SetSimulationState', 'ResetSimulation',
-         'StepSimulation', 'GetCurrentWorld', 'LoadWorld', 'UnloadWorld')  # fmt: skip
+         'StepSimulation', 'GetCurrentWorld', 'LoadWorld', 'UnloadWorld',
+         'GetAvailableWorlds')  # fmt: skip
 
 
 class Node:
@@ -122,7 +127,9 @@ def stand_in(monkeypatch, messages, services):
 
 @pytest.fixture
 def node(monkeypatch):
-    messages = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
+    messages = SimpleNamespace(
+        SimulationState=State, Result=Result, SimulatorFeatures=Features, WorldResource=World
+    )
     entities = ('GetEntityState', 'SetEntityState')  # which EntityServices serves
     stand_in(monkeypatch, messages, SimpleNamespace(**dict.fromkeys(NAMES + entities, Answer)))
     node = Node()
@@ -133,7 +140,7 @@ def node(monkeypatch):
 def test_services_have_the_names_of_the_standard_beside_our_own(node):
     standard = {'get_simulator_features', 'get_simulation_state', 'set_simulation_state',
                 'reset_simulation', 'step_simulation', 'get_current_world', 'load_world',
-                'unload_world'}  # fmt: skip
+                'unload_world', 'get_available_worlds'}  # fmt: skip
     assert set(node.services) == {f'~/{name}' for name in standard | {'reset', 'pause', 'step'}}
 
 
@@ -146,7 +153,7 @@ def test_without_the_package_only_our_own_are_served(monkeypatch):
 
 def test_features_are_those_that_are_served(node):
     _, answer = node.call('get_simulator_features')
-    assert answer.features.features == [10, 11, 20, 21, 22, 24, 25, 26, 31, 32, 40, 43, 44]
+    assert answer.features.features == [10, 11, 20, 21, 22, 24, 25, 26, 31, 32, 40, 43, 44, 45]
     assert 'publish period' in answer.features.custom_info
 
 
@@ -262,6 +269,35 @@ def test_what_is_no_world_is_refused_and_nothing_changes(node, tmp_path):
     for result, sentence in (load(node, 'sidewinding'), unload(node)):
         assert result == Result.RESULT_OPERATION_FAILED and 'cancel the goal' in sentence
     assert (node.world, node.paused) == ('sidewinding', False)
+
+
+def available(node, *sources, keep_on=False):
+    request = {'additional_sources': sources, 'filter': SimpleNamespace(tags=[])}
+    answer = SimpleNamespace(result=SimpleNamespace(), worlds=[])
+    request = SimpleNamespace(**request, continue_on_error=keep_on)
+    node.services['~/get_available_worlds'](request, answer)
+    names = [world.name for world in answer.worlds]
+    return answer.result.result, answer.result.error_message, names
+
+
+def test_scenes_in_folders_and_files_are_available_too(node, tmp_path, monkeypatch):
+    result, _, of_package = available(node)
+    assert result == Result.RESULT_OK and 'sidewinding' in of_package
+    for name, text in (
+        ('second.yaml', 'friction: {longitudinal: 0.2}'),
+        ('first.yml', 'start: {height: 1.0}\ngait: {name: rolling}'),
+        ('robot.yaml', 'link_count: 3'),
+        ('broken.yaml', 'dt: ['),
+        ('notes.txt', 'dt: 0.001'),
+    ):
+        (tmp_path / name).write_text(text)
+    found = available(node, tmp_path.as_uri(), str(tmp_path / 'second.yaml'))
+    assert found == (Result.RESULT_OK, '', [*of_package, 'first', 'second', 'second'])
+    monkeypatch.chdir(tmp_path)
+    sources = ['notes.txt', 'http://a', 300 * 'a']
+    lacks = '; '.join(f'no scenes in {quoted(cut(source))}' for source in sources)
+    assert available(node, *sources) == (Result.RESULT_NOT_FOUND, lacks, [])
+    assert available(node, *sources, keep_on=True) == (Result.RESULT_OK, lacks, of_package)
 
 
 def unload(node):

@@ -67,7 +67,7 @@ class LiveRobot:
         self.inbox = CommandInbox(node, simulation, settings, warn)
         self.handling = Handling(node, simulation, settings, Refusals(warn), self._on_moved)
         self._trajectories = serve_trajectories(node, self.inbox)
-        self._count_anew(simulation, settings)
+        self._renew(simulation, settings)
 
     def begin(self, simulation: Simulation, settings: Settings) -> None:
         """
@@ -80,26 +80,26 @@ class LiveRobot:
 
         """
         self._publishers.begin(simulation, settings)
-        self.rest()
+        self.stop()
         self.inbox.begin(simulation)
         self.handling.begin(simulation)
-        self._count_anew(simulation, settings)
+        self._renew(simulation, settings)
 
-    def _count_anew(self, simulation: Simulation, settings: Settings) -> None:
+    def _renew(self, simulation: Simulation, settings: Settings) -> None:
         self.simulation, self._settings = simulation, settings
         self.steps = steps_in(1.0 / settings.publish_rate, simulation.scene.dt, 'publish period')
         self.start: State | None = None
         self.slow_steps, self._level_changes = SlowSteps(), 0
         self.change(settings, self.scene)
 
-    def rest(self) -> None:
-        """Take no commands, and end what they began."""
+    def stop(self) -> None:
+        """Take no more commands, and end the goal of the action."""
         self.inbox.is_open = False
         self._trajectories.drop()
 
     def close(self) -> None:
         """Take the robot out of the graph."""
-        self.rest()
+        self.stop()
         self.inbox.close()
         if self.node.executor:
             self.node.executor.remove_node(self.node)
@@ -204,7 +204,7 @@ class LiveRobot:
         self._publishers.publish(self.nanoseconds, start)
 
     def publish_markers(self) -> None:
-        """Publish contacts and obstacles; those of the last state, if somebody waits for them."""
+        """Publish contacts and obstacles of the last state, if somebody subscribed."""
         self._publishers.publish_markers(self.nanoseconds)
 
     def values(self) -> dict[str, object]:

@@ -163,7 +163,7 @@ class SimNode(Node):
     def unload_world(self) -> None:
         """Let simulated time wait for another scene."""
         self.spawning.delete_robots()
-        self.robot.rest()
+        self.robot.stop()
         self.world, self.paused = '', True
         self._end_compiler()
 

@@ -103,23 +103,27 @@ class CommandInbox:
         self.settings = settings
         self.clamped = 0
         self.watch: Callable[[float], None] | None = None
-        self.is_open = False
-        self._simulation, self._warn, self._log = simulation, warn, node.get_logger()
-        self.modes = ControlModes(simulation)
-        self._unclaimed = np.ones((len(KINDS), self.modes.free.size), dtype=bool)
+        self._warn, self._log = warn, node.get_logger()
         self._confirmed = False  # whether the first command was
+        self._refusals = Refusals(warn)
+        self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
+        self._others = OtherPublishers(node)
+        self.begin(simulation)
+        self._subscribe(node)
+
+    def begin(self, simulation: Simulation) -> None:
+        """Lead the robot of a simulation from its start on; commands are taken after `open`."""
+        self.is_open = False
+        self._simulation, self.modes = simulation, ControlModes(simulation)
+        self._unclaimed = np.ones((len(KINDS), self.modes.free.size), dtype=bool)
         self._reference = start_posture(simulation.scene)
         self.limiter = LimitedReference(self._reference.angle)
         self._heard: float | None = None  # simulated time of the last command [s]
         self._void = 0.0  # time up to which stamped commands are void [s]
         self._stream = ''  # topic on which commands follow each other
         self._silent = ''  # topic of a stream that stopped
-        self._refusals = Refusals(warn)
         self._early: dict[str, Callable[[], None]] = {}  # topic -> how to take its last command
-        self._topics: dict[str, Any] = {}  # with types, on which commands came in this interval
         self._limited: JointReference | None = None  # the last one reported to exceed the limit
-        self._others = OtherPublishers(node)
-        self._subscribe(node)
 
     def _subscribe(self, node: Node) -> None:
         node.create_subscription(
@@ -219,7 +223,7 @@ class CommandInbox:
 
         def read() -> ReceivedTrajectory:
             if not self.is_open:
-                raise RejectedCommand('early', 'no goal is taken while the physics is compiled')
+                raise RejectedCommand('early', 'no goal is taken before the physics is ready')
             return self._placed(message)
 
         return self._take('joint_trajectory', read).motion
@@ -317,7 +321,7 @@ class CommandInbox:
             horizon=settings.command_horizon,
             period=1.0 / settings.publish_rate,
         )
-        return replace(command, jump=jump)
+        return replace(command, jump=jump) if jump else command
 
     def _placed(self, message: JointTrajectory) -> ReceivedTrajectory:
         """Return the effect of a trajectory that begins now or at its stamp."""
@@ -330,9 +334,9 @@ class CommandInbox:
 
     def _reference_from_torques(self, now: float) -> JointReference:
         """Return the reference with axes that follow torques where they are, for what is next."""
-        free = np.flatnonzero(self.modes.free)
-        if not len(free):
+        if not self.modes.free.any():
             return self._reference
+        free = np.flatnonzero(self.modes.free)
         limits = self._simulation.scene.robot.limits
         angle = np.clip(self._measured_angle(), limits.low, limits.high).ravel()[free]
         self.limiter.resume(free, angle)
@@ -370,6 +374,8 @@ class CommandInbox:
         """Let the joints of a command be moved by what it has: references, torques, or both."""
         axes, given = command.given
         self._unclaimed[:, axes] &= ~given
+        if not (command.effort or self.modes.free.any()):  # All controllers are on, and stay so.
+            return
         by_reference = given[0] | given[1]
         back = axes[by_reference & self.modes.free.flat[axes]]
         if command.effort or len(back):
@@ -426,6 +432,10 @@ class CommandInbox:
         if self._silent:
             remarks.append(f'no {self._silent} any more; the last one is held')
         return remarks
+
+    def close(self) -> None:
+        """Listen to no other publishers any more."""
+        self._others.close()
 
     def end_interval(self) -> None:
         """Begin the next interval of diagnostics, after a look for other publishers."""
@@ -502,6 +512,11 @@ class OtherPublishers:
             self._look_at(CLOCK, Clock, self._speakers(CLOCK), advice)
         for topic in self._listeners.keys() - {*speakers, CLOCK}:
             self._listeners.pop(topic).close()
+
+    def close(self) -> None:
+        """Hear no more messages."""
+        while self._listeners:
+            self._listeners.popitem()[1].close()
 
     def _speakers(self, topic: str) -> list[str]:
         return sorted(

@@ -4,23 +4,24 @@
 The entities of a simulation, by the services of simulation_interfaces.
 
 They are offered where that package is installed. The entity `snake_robot`, as the URDF calls it,
-has pose and twist of ``base_link``, which may be set. Pegs of the scene are `peg_1` and so on;
-pegs may be spawned and deleted, see `spawning`, and stay where they are. The state of a link, such
-as `link_6`, can be asked for under its name, too.
+has pose and twist of ``base_link``, which may be set. Pegs of the scene are `peg_1` and so on, and
+stay where they are. More robots and pegs may be spawned and deleted, see `spawning`. The state of
+a link, such as `link_6`, or `two/link_6` of a robot `two`, can be asked for under its name, too.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import re
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Vector3
 import numpy as np
-from rclpy.node import Node
 
 from snake_sim_ros.nodes import standard
+from snake_sim_ros.nodes.live_robot import LiveRobot
 from snake_sim_ros.nodes.messages import WORLD
-from snake_sim_ros.nodes.placing import base_pose, base_twist, Placing, UnusablePose
-from snake_sim_ros.nodes.spawning import SpawnedPegs
+from snake_sim_ros.nodes.placing import base_pose, base_twist, UnusablePose
+from snake_sim_ros.nodes.spawning import Spawning
+from snake_sim_ros.nodes.standard import answered, Refused
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
 from snake_sim_ros.scene.obstacles import PEG_HEIGHT
@@ -28,12 +29,7 @@ from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import own_poses
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.stepping.simulation import Simulation
 
-SERVICES = (
-    *('GetEntities', 'GetEntityInfo', 'GetEntityState', 'GetEntitiesStates', 'GetEntityBounds'),
-    'SetEntityState',
-)
 LONGEST_FILTER = 200  # characters of a regular expression
 STILL = np.zeros(3)
 
@@ -47,53 +43,46 @@ class EntityState(NamedTuple):
     spin: Array = STILL  # (3,) [rad/s]
 
 
-class RefusedRequest(ValueError):
-    """A request cannot be answered; `code` is that of its result."""
-
-    def __init__(self, code: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.code = code
-
-
 class EntityServices:
     """
-    Offers the services of entities.
+    What is answered to requests on entities.
 
     Parameters
     ----------
-    node : Node
-    simulation : Simulation
-    placing : Placing
-        Puts the robot elsewhere.
-    pegs : SpawnedPegs
+    robots : mapping
+        Name -> LiveRobot, first that of the scene.
+    spawning : Spawning
+        Knows the pegs.
+
+    Attributes
+    ----------
+    answers : mapping
+        Services by the names of their types -> what answers them.
 
     """
 
-    def __init__(
-        self, node: Node, simulation: Simulation, placing: Placing, pegs: SpawnedPegs
-    ) -> None:
-        self._simulation, self._placing, self._pegs = simulation, placing, pegs
-        answers: tuple[Callable[[Any, Any], Any], ...] = (
-            *(self._on_list, self._on_info, self._on_state, self._on_states, self._on_bounds),
-            self._on_set,
-        )
-        for name, answer in zip(SERVICES, answers, strict=True):
-            # Another version of the package may not have it.
-            if kind := getattr(standard.services, name, None):
-                topic = re.sub('(?<!^)([A-Z])', r'_\1', name).lower()
-                node.create_service(kind, f'~/{topic}', answer)
+    def __init__(self, robots: Mapping[str, LiveRobot], spawning: Spawning) -> None:
+        self._robots, self._spawning = robots, spawning
+        self.answers: Mapping[str, standard.Answer] = {
+            'GetEntities': self._on_list,
+            'GetEntityInfo': self._on_info,
+            'GetEntityState': self._on_state,
+            'GetEntitiesStates': self._on_states,
+            'GetEntityBounds': self._on_bounds,
+            'SetEntityState': self._on_set,
+        }
 
     @property
     def names(self) -> list[str]:
         """Names of all entities."""
-        return [ROBOT_NAME, *self._pegs.names]
+        return [*self._robots, *self._spawning.pegs]
 
     # ---- requests -------------------------------------------------------------------------------
 
     def _on_list(self, request: Any, response: Any) -> Any:
         try:
             response.entities = self._filtered(request.filters)
-        except RefusedRequest as error:
+        except Refused as error:
             return answered(response, error.code, str(error))
         return answered(response, standard.messages.Result.RESULT_OK)
 
@@ -108,8 +97,8 @@ class EntityServices:
         if why := self._unknown(request.entity):
             return answered(response, standard.messages.Result.RESULT_NOT_FOUND, why)
         info, kinds = response.info, standard.messages.EntityCategory
-        if request.entity == ROBOT_NAME:
-            robot = self._simulation.scene.robot
+        if request.entity in self._robots:
+            robot = self._robots[request.entity].simulation.scene.robot
             info.category.category = kinds.CATEGORY_ROBOT
             info.description = (
                 f'snake robot of {robot.link_count} links and {len(robot.axis_names)} joint axes'
@@ -120,14 +109,13 @@ class EntityServices:
         return answered(response, standard.messages.Result.RESULT_OK)
 
     def _on_state(self, request: Any, response: Any) -> Any:
-        robot, codes = self._simulation.scene.robot, standard.messages.Result
-        if self._unknown(request.entity):
-            try:
-                link_index(request.entity, robot, 'entity')
-            except ParameterError as error:
-                why = f'{error}, the robot {ROBOT_NAME}'
-                return answered(response, codes.RESULT_NOT_FOUND, why)
-        fill_state(response.state, self._state(request.entity))
+        codes = standard.messages.Result
+        try:
+            state = self._state(request.entity)
+        except ParameterError as error:
+            why = f'{error}, the robot {ROBOT_NAME}'
+            return answered(response, codes.RESULT_NOT_FOUND, why)
+        fill_state(response.state, state)
         return answered(response, codes.RESULT_OK)
 
     def _on_bounds(self, request: Any, response: Any) -> Any:
@@ -141,7 +129,7 @@ class EntityServices:
 
     def _on_set(self, request: Any, response: Any) -> Any:
         codes, state = standard.messages.Result, request.state
-        if request.entity != ROBOT_NAME:
+        if request.entity not in self._robots:
             if self._unknown(request.entity):
                 why = f'entity must be {ROBOT_NAME}, got {quoted(request.entity)}'
                 return answered(response, codes.RESULT_NOT_FOUND, why)
@@ -156,7 +144,7 @@ class EntityServices:
             why = 'accelerations follow from forces, which ~/push gives a link'
             return answered(response, codes.RESULT_FEATURE_UNSUPPORTED, why)
         try:
-            self._placing.put(
+            self._robots[request.entity].handling.placing.put(
                 state.header.frame_id,
                 pose=state.pose if pose else None,
                 twist=state.twist if twist else None,
@@ -178,26 +166,36 @@ class EntityServices:
 
     def _state(self, name: str) -> EntityState:
         """Return the state of an entity or a link."""
-        scene, state = self._simulation.scene, self._simulation.state
-        robot = scene.robot
-        if name in self._pegs.names:
-            x, y, _ = scene.pegs.axes[self._pegs.names.index(name)]
+        if name in self._spawning.pegs:
+            x, y, _ = self._axis(name)
             return EntityState(np.array([x, y, 0.0]), np.array([0.0, 0.0, 0.0, 1.0]))
-        if name == ROBOT_NAME:
+        owner, _, link_name = name.rpartition('/')
+        found = self._robots.get(name) or self._robots.get(owner or ROBOT_NAME)
+        if found is None:
+            raise ParameterError(f'entity: no robot {quoted(owner)}')
+        robot, state = found.simulation.scene.robot, found.simulation.state
+        if name in self._robots:
             return EntityState(*base_pose(robot, state), *base_twist(robot, state))
-        link = link_index(name, robot, 'entity')
+        link = link_index(link_name, robot, 'entity')
         positions, orientations = own_poses(robot, state.q)
         twist = base_twist(robot, state, link)
         return EntityState(positions[link], orientations[link, [1, 2, 3, 0]], *twist)
 
+    def _axis(self, peg: str) -> Array:
+        """Return x, y and radius of a peg, shape (3,) [m]."""
+        axes = self._robots[ROBOT_NAME].simulation.scene.pegs.axes
+        return np.asarray(axes[self._spawning.pegs.index(peg)])
+
     def _box(self, name: str, *, of_entity: bool) -> tuple[Array, Array]:
         """Return the corners of a box around an entity, in its own frame or in the world [m]."""
-        scene, state = self._simulation.scene, self._simulation.state
-        if name != ROBOT_NAME:
-            x, y, radius = scene.pegs.axes[self._pegs.names.index(name)]
-            center = STILL[:2] if of_entity else np.array([x, y])
-            height = PEG_HEIGHT * scene.robot.per_link('contact_radius').max()
+        if name not in self._robots:
+            *place, radius = self._axis(name)
+            center = np.zeros(2) if of_entity else np.array(place)
+            robot = self._robots[ROBOT_NAME].simulation.scene.robot
+            height = PEG_HEIGHT * robot.per_link('contact_radius').max()
             return np.append(center - radius, 0.0), np.append(center + radius, height)
+        simulation = self._robots[name].simulation
+        scene, state = simulation.scene, simulation.state
         ends, radius = link_ends(scene, state.q)
         if of_entity:
             position, (x, y, z, w) = base_pose(scene.robot, state)
@@ -206,30 +204,30 @@ class EntityServices:
         return (ends - reach).min(axis=0), (ends + reach).max(axis=0)
 
     def _filtered(self, filters: Any) -> list[str]:
-        """Return the names that pass filters; raise RefusedRequest if one is not usable."""
+        """Return the names that pass filters; raise Refused if one is not usable."""
         codes, kinds = standard.messages.Result, standard.messages.EntityCategory
         if len(filters.filter) > LONGEST_FILTER:
-            raise RefusedRequest(
+            raise Refused(
                 codes.RESULT_OPERATION_FAILED,
                 f'filter may have {LONGEST_FILTER} characters, got {len(filters.filter)}',
             )
         try:
             wanted = re.compile(filters.filter)
         except re.error as error:
-            raise RefusedRequest(
+            raise Refused(
                 codes.RESULT_OPERATION_FAILED,
                 f'filter {quoted(cut(filters.filter))} is no regular expression: {error}',
             ) from None
         if filters.tags.tags:
-            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, 'entities have no tags')
+            raise Refused(codes.RESULT_FEATURE_UNSUPPORTED, 'entities have no tags')
         categories = {item.category for item in filters.categories}
         try:
             overlaps = overlap_of(filters.bounds)
         except ParameterError as error:
-            raise RefusedRequest(codes.RESULT_FEATURE_UNSUPPORTED, str(error)) from None
+            raise Refused(codes.RESULT_FEATURE_UNSUPPORTED, str(error)) from None
 
         def passes(name: str) -> bool:
-            is_robot = name == ROBOT_NAME
+            is_robot = name in self._robots
             category = kinds.CATEGORY_ROBOT if is_robot else kinds.CATEGORY_STATIC_OBJECT
             if (categories and category not in categories) or not wanted.search(name):
                 return False
@@ -298,16 +296,7 @@ def numbers_in(message: Any) -> list[float]:
     return [message.x, message.y, message.z]
 
 
-def answered(response: Any, code: int, why: str = '') -> Any:
-    """Return a response with its result."""
-    response.result.result, response.result.error_message = code, why
-    return response
-
-
-def serve_entities(
-    node: Node, simulation: Simulation, placing: Placing, pegs: SpawnedPegs
-) -> None:
-    """Offer the services of entities where simulation_interfaces is installed."""
-    if standard.services is not None:
-        EntityServices(node, simulation, placing, pegs)
-        pegs.serve(node)
+def serve_entities(node: Any, robots: Mapping[str, LiveRobot], spawning: Spawning) -> None:
+    """Offer the services of entities of a node where simulation_interfaces is installed."""
+    answers = EntityServices(robots, spawning).answers
+    standard.offer_with_world(node, {**answers, **spawning.answers})

@@ -120,10 +120,7 @@ def settle(
     usual = flat_fields(kind())
     own = {name: _read(given[name], usual[name][0]) for name in usual if name in given}
     settings = from_mapping(kind, own, node.get_name())
-    scene = load_scene(settings.scene)
-    if description := getattr(settings, 'robot_description', ''):
-        robot = load_robot(description, Path(), 'robot_description', scene.robot)
-        scene = replace(scene, robot=robot)
+    scene = with_own_robot(load_scene(settings.scene), getattr(settings, 'robot_description', ''))
     names = [name for name in parameter_fields(scene) if name.startswith(of_scene)]
     known = {*flat_fields(settings), *names}
     for name in given:
@@ -145,6 +142,23 @@ def settle(
         declare(node, name, *item, read_only=name not in changeable)
     node.add_pre_set_parameters_callback(lambda parameters: keep_types(node, parameters))
     return settings, scene
+
+
+def with_own_robot(scene: Scene, description: str) -> Scene:
+    """Return a scene with the robot of a URDF, the text or the name of its file, if not empty."""
+    if not description:
+        return scene
+    return replace(scene, robot=load_robot(description, Path(), 'robot_description', scene.robot))
+
+
+def settle_anew(node: Node, settings: Any, scene: Scene, changeable: tuple[str, ...]) -> None:
+    """Declare settings and another scene as the parameters of a node, see `settle`."""
+    for name in given_parameters(node):
+        if name not in OF_RCLPY and not name.startswith('qos_overrides.'):
+            node.describe_parameter(name).read_only = False  # rclpy keeps those that are
+            node.undeclare_parameter(name)
+    for name, item in {**flat_fields(settings), **parameter_fields(scene)}.items():
+        declare(node, name, *item, read_only=name not in changeable)
 
 
 def _read(value: Any, usual: Any) -> Any:

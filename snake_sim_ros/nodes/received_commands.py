@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -107,7 +108,7 @@ def joint_command(
 
     """
     topic, names = 'joint_command', list(message.name)
-    axes = axes_of(topic, names, robot)
+    axes, signs, limits = axes_of(topic, names, robot)
     lists = _lists_of(topic, message, names, robot, axes, unclaimed)
     given = np.zeros((len(KINDS), len(names)), dtype=bool)
     for row, kind in enumerate(KINDS):
@@ -115,17 +116,16 @@ def joint_command(
             given[row] = ~np.isnan(lists[kind])
     all_given, effort, moved = (axes, given), None, given[0] | given[1]
     if 'effort' in lists and given[2].any():
-        which = axes[given[2]]
-        effort = which, robot.place_signs[which] * lists['effort'][given[2]]
+        effort = axes[given[2]], signs[given[2]] * lists['effort'][given[2]]
     if not moved.all():
         names = [name for name, moves in zip(names, moved, strict=True) if moves]
-        axes = axes[moved]
+        axes, signs = axes[moved], signs[moved]
+        limits = JointLimits(*(each[moved] for each in limits))
     if not names:
         return ReceivedCommand(last, all_given, effort=effort)
     nothing = np.full(len(moved), np.nan)
     position, velocity = (lists.get(kind, nothing)[moved] for kind in ('position', 'velocity'))
     velocity[np.isnan(velocity)] = 0.0
-    limits, signs = robot.limits_of_axes(axes), robot.place_signs[axes]
     check_rates(topic, names, velocity, limits)
     stamp = _stamp(topic, message, last, axes, now)
     if (goes_on := np.isnan(position)).any():
@@ -215,11 +215,10 @@ def position_commands(
             f'got {len(position)}',
         )
     check_finite(topic, 'position', names, position)
-    limits = robot.limits_of_axes(robot.axis_places)
+    axes, signs, limits = _known_axes(names, robot)
     position, clamped = clamped_to(topic, names, position, limits)
-    angle, still = robot.axis_signs * position, np.zeros(len(names))
-    reference = last.commanded(robot.axis_places, now, angle, still)
-    return ReceivedCommand(reference, positions_of(robot.axis_places), clamped)
+    reference = last.commanded(axes, now, signs * position, np.zeros(len(names)))
+    return ReceivedCommand(reference, positions_of(axes), clamped)
 
 
 def positions_of(axes: Array) -> tuple[Array, Array]:
@@ -298,8 +297,24 @@ def _axes_by_name(robot: Robot) -> dict[str, int]:
     return dict(zip(robot.axis_names, robot.axis_places.tolist(), strict=True))
 
 
-def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
-    """Return the indices along the robot of named axes, shape (names,); raise if unknown."""
+class NamedAxes(NamedTuple):
+    """The axes that a message names."""
+
+    places: Array  # (k,) along the robot
+    signs: Array  # (k,) -1 where the model turns the other way
+    limits: JointLimits  # (k,) with the signs of the axes
+
+
+@lru_cache(maxsize=16)  # Commands name the same axes again and again.
+def _known_axes(names: tuple[str, ...], robot: Robot) -> NamedAxes:
+    """Return axes of a robot by their names."""
+    known = _axes_by_name(robot)
+    places = np.array([known[name] for name in names])
+    return NamedAxes(places, robot.place_signs[places], robot.limits_of_axes(places))
+
+
+def axes_of(topic: str, given: list[str], robot: Robot) -> NamedAxes:
+    """Return named axes; raise if one is unknown, or is named twice."""
     known = _axes_by_name(robot)
     names = list(known)
     if not given:
@@ -316,7 +331,7 @@ def axes_of(topic: str, given: list[str], robot: Robot) -> Array:
     if len(set(given)) < len(given):
         twice = next(name for name in given if given.count(name) > 1)
         raise RejectedCommand('twice', f'{topic} names joint {twice} more than once')
-    return np.array([known[name] for name in given])
+    return _known_axes(tuple(given), robot)
 
 
 def check_finite(topic: str, what: str, names: Sequence[str], values: Array) -> None:
@@ -414,12 +429,10 @@ class ReadTrajectory:
 def read_trajectory(message: JointTrajectory, robot: Robot) -> ReadTrajectory:
     """Return a trajectory of some joints, or raise RejectedCommand; see `joint_trajectory`."""
     names = list(message.joint_names)
-    axes = axes_of(TOPIC, names, robot)
+    axes, signs, limits = axes_of(TOPIC, names, robot)
     times, angle, rate = _points(message)
-    limits = robot.limits_of_axes(axes)
     _check_points(names, times, angle, rate, limits)
     angle, clamped = clamped_to(TOPIC, names, angle, limits)
-    signs = robot.place_signs[axes]
     angle, rate = signs * angle, None if rate is None else signs * rate
     pieces = np.zeros((len(times), 4, len(axes)))
     extremes = (np.empty((0, len(axes))),) * 3

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from snake_sim_ros.recording.sensors import link_index, Sensors
 from snake_sim_ros.scene.checked_records import flat_fields, quantity
-from snake_sim_ros.scene.parameters import Robot, Scene, with_settings
+from snake_sim_ros.scene.parameters import Robot, Scene, steps_in, with_settings
 from snake_sim_ros.scene.urdf_ros2_control import check_interfaces
 from snake_sim_ros.stepping.accuracy import with_accuracy
 
@@ -87,6 +87,7 @@ class Settings(Sensors):
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the node cannot run a scene with these settings."""
         self.pushed_link(scene.robot)
+        steps_in(1.0 / self.publish_rate, scene.dt, 'publish period')
         if self.ros2_control:
             check_interfaces(self.ros2_control.split(), scene.robot)
 

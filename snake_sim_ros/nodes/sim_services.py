@@ -10,7 +10,6 @@ is that of a link, which is pushed, and whose axes the force keeps; or `world`, 
 """
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -25,9 +24,9 @@ from snake_sim_ros.nodes.executors import Refusals
 from snake_sim_ros.nodes.messages import BASE, ODOM, WORLD
 from snake_sim_ros.nodes.placing import FASTEST, FASTEST_TURN, numbers_of, Placing, too_fast
 from snake_sim_ros.nodes.sim_parameters import Settings
+from snake_sim_ros.nodes.worlds import Loadable, Worlds
 from snake_sim_ros.recording.sensors import link_index
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.files import CONFIG, files_of_package
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.simulation import Simulation
 
@@ -58,18 +57,18 @@ FEATURES = {  # what serves it -> features
     'SimulateSteps': ('STEP_SIMULATION_ACTION',),
     'GetCurrentWorld': ('WORLD_INFO_GETTING',),
     'GetAvailableWorlds': ('AVAILABLE_WORLDS',),
+    'LoadWorld': ('WORLD_LOADING',),
+    'UnloadWorld': ('WORLD_UNLOADING',),
 }
 
 
-class Controllable(Protocol):
+class Controllable(Loadable, Protocol):
     """A node whose simulated time the services control."""
 
     paused: bool
     failure: str
-    compiling: str
+    waiting: str  # a sentence on what simulated time waits for; empty: nothing
     seconds: float
-    settings: Settings
-    between: Callable[[], None] | None  # what is done between messages while time stands still
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
         """Offer a service, as every node can."""
@@ -91,8 +90,8 @@ class SimulationServices:
         node.create_service(Trigger, '~/step', self._on_step)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.node.compiling:
-            response.message = self.node.compiling
+        if self.node.waiting:
+            response.message = self.node.waiting
             return response
         self.node.reset()
         response.success = True
@@ -100,20 +99,20 @@ class SimulationServices:
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if self.node.failure and not request.data:
-            response.message = DIVERGED
+        if not request.data and (self.node.failure or not self.node.world):
+            response.message = DIVERGED if self.node.world else standard.NO_WORLD
             return response
         self.node.paused, response.success = request.data, True
         response.message = 'paused' if request.data else 'running'
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.node.compiling or not self.node.paused:
+        if self.node.waiting or not self.node.paused:
             why = DIVERGED if self.node.failure else STILL_RUNNING
-            response.message = self.node.compiling or why
+            response.message = self.node.waiting or why
             return response
         self.node.step()
-        why = self.node.failure or self.node.compiling
+        why = self.node.failure or self.node.waiting
         response.success = not why
         response.message = why or f't = {self.node.seconds:g} s'
         return response
@@ -124,28 +123,28 @@ class StandardServices:
 
     def __init__(self, node: Controllable, despawn: Callable[[], None] | None) -> None:
         self.node, self.stopped, self.despawn = node, False, despawn
-        for name, callback in (
-            ('GetSimulatorFeatures', self._on_features),
-            ('GetSimulationState', self._on_get_state),
-            ('SetSimulationState', self._on_set_state),
-            ('ResetSimulation', self._on_reset),
-            ('StepSimulation', self._on_step),
-            ('GetCurrentWorld', self._on_world),
-            ('GetAvailableWorlds', self._on_worlds),
-        ):
-            topic = ''.join('_' + c.lower() if c.isupper() else c for c in name)[1:]
-            # An older version of the package may not have it.
-            if kind := getattr(standard.services, name, None):
-                node.create_service(kind, f'~/{topic}', callback)
+        answers = {
+            'GetSimulatorFeatures': self._on_features,
+            'GetSimulationState': self._on_get_state,
+            'SetSimulationState': self._on_set_state,
+            'ResetSimulation': self._on_reset,
+            'StepSimulation': self._on_step,
+        }
+        standard.offer(node, {**answers, **Worlds(node, self._on_loaded).answers})
 
     @property
     def state(self) -> int:
         """State in the numbers of the standard; stopped until played, paused or stepped."""
         states = standard.messages.SimulationState
+        if not self.node.world:
+            return int(states.STATE_NO_WORLD)
         if not self.node.paused and not self.node.failure:
             return int(states.STATE_PLAYING)
         stopped = self.stopped and self.node.seconds == 0.0
         return int(states.STATE_STOPPED if stopped else states.STATE_PAUSED)
+
+    def _on_loaded(self) -> None:
+        self.stopped = True
 
     def _on_features(self, _: Any, response: Any) -> Any:
         features = standard.messages.SimulatorFeatures
@@ -173,12 +172,15 @@ class StandardServices:
         result.result = standard.messages.Result.RESULT_OK
         if wanted == self.state:
             result.result = type(response).ALREADY_IN_TARGET_STATE
+        elif not self.node.world:
+            result.result = type(response).STATE_TRANSITION_ERROR
+            result.error_message = standard.NO_WORLD
         elif wanted == states.STATE_PLAYING and self.node.failure:
             result.result = type(response).STATE_TRANSITION_ERROR
             result.error_message = f'diverged, reset first: {self.node.failure}'
-        elif wanted == states.STATE_STOPPED and self.node.compiling:
+        elif wanted == states.STATE_STOPPED and self.node.waiting:
             result.result = type(response).STATE_TRANSITION_ERROR
-            result.error_message = self.node.compiling
+            result.error_message = self.node.waiting
         elif wanted in (states.STATE_PLAYING, states.STATE_PAUSED):
             self.node.paused, self.stopped = wanted == states.STATE_PAUSED, False
         elif wanted == states.STATE_STOPPED:
@@ -200,9 +202,9 @@ class StandardServices:
         if not (time or state or despawn):
             response.result.result = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
             response.result.error_message = f'scope must have bit 1, 2 or 4, got {scope}'
-        elif self.node.compiling:
+        elif self.node.waiting:
             response.result.result = standard.messages.Result.RESULT_OPERATION_FAILED
-            response.result.error_message = self.node.compiling
+            response.result.error_message = self.node.waiting
         else:
             if despawn:
                 despawn()
@@ -213,42 +215,15 @@ class StandardServices:
     def _on_step(self, request: Any, response: Any) -> Any:
         result = standard.messages.Result
         response.result.result = result.RESULT_OK
-        if self.node.compiling or not self.node.paused:
+        if self.node.waiting or not self.node.paused:
             response.result.result = result.RESULT_OPERATION_FAILED
-            response.result.error_message = self.node.compiling or STILL_RUNNING
+            response.result.error_message = self.node.waiting or STILL_RUNNING
             return response
         self.node.step(request.steps)
-        if why := self.node.failure or self.node.compiling:
+        if why := self.node.failure or self.node.waiting:
             response.result.result = result.RESULT_OPERATION_FAILED
             response.result.error_message = why
         return response
-
-    def _on_world(self, _: Any, response: Any) -> Any:
-        fill_world(response.world, self.node.settings.scene)
-        response.result.result = standard.messages.Result.RESULT_OK
-        return response
-
-    def _on_worlds(self, request: Any, response: Any) -> Any:
-        result = standard.messages.Result
-        response.result.result = result.RESULT_OK
-        why = 'scenes have no tags' if request.filter.tags else ''
-        if request.additional_sources and not request.continue_on_error:
-            why = 'only the scenes of the package are listed, no additional sources'
-        if why:
-            response.result.result = result.RESULT_FEATURE_UNSUPPORTED
-            response.result.error_message = why
-            return response
-        for name in files_of_package(robots=False):
-            response.worlds.append(standard.messages.WorldResource())
-            fill_world(response.worlds[-1], name)
-        return response
-
-
-def fill_world(world: Any, source: str) -> None:
-    """Fill a WorldResource with a scene, by its name or the name of its file."""
-    path = Path(source).resolve() if Path(source).is_file() else CONFIG / f'{source}.yaml'
-    world.name, world.world_resource.uri = path.stem, path.as_uri()
-    world.description = 'scene of snake_sim_ros: robot, friction, obstacles and gait'
 
 
 class ServedSteps:
@@ -286,8 +261,8 @@ class ServedSteps:
     def _on_accepted(self, goal: Any) -> None:
         if self._goal is not None:
             self._end(goal, 'another goal takes steps')
-        elif self._node.compiling or not self._node.paused:
-            self._end(goal, self._node.compiling or STILL_RUNNING)
+        elif self._node.waiting or not self._node.paused:
+            self._end(goal, self._node.waiting or STILL_RUNNING)
         else:
             self._goal, self._done, self._wanted = goal, 0, goal.request.steps
             self._is_canceled, self._node.between = False, self._advance
@@ -301,10 +276,10 @@ class ServedSteps:
     def _advance(self) -> None:
         """Take a step, or end the goal."""
         node, goal = self._node, self._goal
-        why = node.failure or node.compiling or ('' if node.paused else 'no longer paused')
+        why = node.failure or node.waiting or ('' if node.paused else 'no longer paused')
         if not (why or self._is_canceled) and self._done < self._wanted:
             node.step()
-            why = node.failure or node.compiling
+            why = node.failure or node.waiting
             if not why:
                 self._done += 1
                 feedback = self._kind.Feedback(
@@ -363,6 +338,7 @@ class Handling:
     settings : Settings
         The node replaces them when its parameters change.
     refusals : Refusals
+    simulation : Simulation
     placing : Placing
 
     """
@@ -375,20 +351,23 @@ class Handling:
         refusals: Refusals,
         moved: Callable[[], Any],
     ) -> None:
-        self.settings, self.refusals = settings, refusals
-        self._simulation, self.placing = simulation, Placing(simulation, moved)
-        settings.pushed_link(simulation.scene.robot)
+        self.settings, self.refusals, self._moved = settings, refusals, moved
+        self.begin(simulation)
         node.create_subscription(WrenchStamped, '~/push', self._on_push, SEVERAL)
         node.create_subscription(PoseStamped, '~/set_pose', self._on_pose, LATEST)
 
+    def begin(self, simulation: Simulation) -> None:
+        """Push and place the robot of a simulation from now on."""
+        self.simulation, self.placing = simulation, Placing(simulation, self._moved)
+
     def limit(self) -> None:
         """End the pushes of messages if the robot moves too fast."""
-        if not self._simulation.pushes:
+        if not self.simulation.pushes:
             return
-        u = self._simulation.state.u
+        u = self.simulation.state.u
         speed, spin = (float(np.abs(part).max()) for part in np.split(u, 2, axis=1))
         if not (speed <= FASTEST and spin <= FASTEST_TURN):
-            self._simulation.pushes.clear()
+            self.simulation.pushes.clear()
             self.refusals.add('push', f'push: ended, since a link moves {too_fast(speed, spin)}')
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -405,7 +384,7 @@ class Handling:
             self.refusals.add('push', f'push: {error}')
 
     def _begin(self, message: WrenchStamped) -> None:
-        robot, frame = self._simulation.scene.robot, message.header.frame_id.rpartition('/')[2]
+        robot, frame = self.simulation.scene.robot, message.header.frame_id.rpartition('/')[2]
         force = numbers_of(message.wrench.force, 'xyz', 'force')
         torque = numbers_of(message.wrench.torque, 'xyz', 'torque')
         turns = False
@@ -421,11 +400,11 @@ class Handling:
             force, torque = frame_of_link @ force, frame_of_link @ torque
         self._check(link, force, torque)
         duration = self.settings.push_duration
-        self._simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
+        self.simulation.pushes.begin(link, force, torque, duration=duration, turns=turns)
 
     def _check(self, link: int, force: Array, torque: Array) -> None:
         """Raise an error if the link alone would become too fast in a publish period."""
-        robot, period = self._simulation.scene.robot, 1.0 / self.settings.publish_rate
+        robot, period = self.simulation.scene.robot, 1.0 / self.settings.publish_rate
         inertia = robot.per_link('inertia_transversal')[link]
         speed = float(np.abs(force).max() / robot.per_link('link_mass')[link]) * period
         spin = float(np.abs(torque).max() / inertia) * period

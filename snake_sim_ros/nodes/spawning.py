@@ -1,27 +1,33 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pegs that are spawned and deleted while `sim` runs, by the services of simulation_interfaces.
+What is spawned and deleted while `sim` runs, by the services of simulation_interfaces.
 
 A peg is a round vertical post of any height. Its resource is the URI `peg`, or a URDF of one link
 that is a cylinder. The first peg of a scene needs other machine code: simulated time waits for it.
+
+A robot with the URI `snake_robot` is another one like that of the scene, among the same obstacles,
+with the topics of a namespace. Robots do not touch each other.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
+from geometry_msgs.msg import PoseStamped
 import numpy as np
-from rclpy.node import Node
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
 
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.nodes import standard
+from snake_sim_ros.nodes.live_robot import LiveRobot
 from snake_sim_ros.nodes.placing import check_frame, FARTHEST, numbers_of, UNIT_ERROR
+from snake_sim_ros.nodes.standard import Refused
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 from snake_sim_ros.scene.parameters import Pegs, Scene
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
 from snake_sim_ros.scene.urdf_elements import read
-from snake_sim_ros.stepping.simulation import Simulation
 
 PEG = 'peg_'
 URI = 'peg'
@@ -29,58 +35,79 @@ RADIUS = 0.05  # m, of a peg without a URDF
 UPRIGHT = 1e-3  # by which the cosine of the tilt of a peg may be off 1
 INSIDE = 1e-6  # m by which a link may be inside a peg that is spawned
 MOST = 200  # pegs
+MOST_ROBOTS = 20
 
 
-class Refused(ValueError):
-    """Nothing is spawned; `code` is that of the result."""
+class Inhabited(Protocol):
+    """A node in whose world robots and pegs are spawned."""
 
-    def __init__(self, code: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.code = code
+    robots: dict[str, LiveRobot]
+
+    @property
+    def waiting(self) -> str:
+        """A sentence on what simulated time waits for; empty: nothing."""
+
+    def get_namespace(self) -> str:
+        """Return the namespace, as every node does."""
+
+    def change_obstacles(self, scene: Scene) -> None:
+        """Continue with other obstacles."""
+
+    def spawn_robot(self, name: str, namespace: str, stamped: PoseStamped) -> None:
+        """Add a robot; raise ParameterError if it cannot be there."""
+
+    def delete_robot(self, name: str) -> None:
+        """Remove a robot that was spawned."""
 
 
-class SpawnedPegs:
+class Spawning:
     """
-    The pegs of a simulation by their names.
+    Spawns and deletes pegs and robots of a world.
 
     Parameters
     ----------
-    simulation : Simulation
-    scene : callable
-        Returns the scene that `change` changes.
-    change : callable
-        Continues with another scene.
+    world : Inhabited
 
     Attributes
     ----------
-    names : list of str
-        Of all pegs, in the order of the scene.
+    pegs : list of str
+        Names of all pegs, in the order of the scene.
+    answers : mapping
+        Services by the names of their types -> what answers them.
 
     """
 
-    def __init__(
-        self, simulation: Simulation, scene: Callable[[], Scene], change: Callable[[Scene], None]
-    ) -> None:
-        self._simulation, self._scene, self._change = simulation, scene, change
-        self.names = [f'{PEG}{k + 1}' for k in range(len(simulation.scene.pegs.x))]
-        self._own = set(self.names)  # those that are not spawned
+    def __init__(self, world: Inhabited) -> None:
+        self._world = world
+        self.answers: Mapping[str, standard.Answer] = {
+            'SpawnEntity': self._on_spawn,
+            'SpawnEntities': self._on_spawn_several,
+            'DeleteEntity': self._on_delete,
+            'GetSpawnables': self._on_spawnables,
+        }
+        self.begin()
 
-    def serve(self, node: Node) -> None:
-        """Offer the services that the package has."""
-        for name, topic, answer in (
-            ('SpawnEntity', 'spawn_entity', self._on_spawn),
-            ('SpawnEntities', 'spawn_entities', self._on_spawn_several),
-            ('DeleteEntity', 'delete_entity', self._on_delete),
-            ('GetSpawnables', 'get_spawnables', self._on_spawnables),
-        ):
-            if kind := getattr(standard.services, name, None):
-                node.create_service(kind, f'~/{topic}', answer)
+    def begin(self) -> None:
+        """Name the pegs of the scene, none of which is spawned."""
+        self.pegs = [f'{PEG}{k + 1}' for k in range(len(self._scene.pegs.x))]
+        self._own = set(self.pegs)  # those that are not spawned
+
+    @property
+    def _scene(self) -> Scene:
+        return self._world.robots[ROBOT_NAME].scene
 
     def despawn(self) -> None:
-        """Remove all pegs that were spawned."""
-        kept = [k for k, name in enumerate(self.names) if name in self._own]
-        if len(kept) < len(self.names):
+        """Remove all that was spawned."""
+        self.delete_robots()
+        kept = [k for k, name in enumerate(self.pegs) if name in self._own]
+        if len(kept) < len(self.pegs):
             self._keep(kept)
+
+    def delete_robots(self) -> None:
+        """Remove all robots that were spawned."""
+        for name in list(self._world.robots):
+            if name != ROBOT_NAME:
+                self._world.delete_robot(name)
 
     # ---- requests -------------------------------------------------------------------------------
 
@@ -102,75 +129,105 @@ class SpawnedPegs:
     def _on_delete(self, request: Any, response: Any) -> Any:
         codes, result, name = standard.messages.Result, response.result, request.entity
         result.result = codes.RESULT_OK
-        if name in self.names:
-            self._keep([k for k, other in enumerate(self.names) if other != name])
+        if name in self.pegs:
+            self._keep([k for k, other in enumerate(self.pegs) if other != name])
         elif name == ROBOT_NAME:
             result.result = codes.RESULT_OPERATION_FAILED
-            result.error_message = f'{ROBOT_NAME} stays: only pegs can be deleted'
+            result.error_message = f'{ROBOT_NAME} stays: it is the robot of the scene'
+        elif name in self._world.robots:
+            self._world.delete_robot(name)
         else:
             result.result = codes.RESULT_NOT_FOUND
             result.error_message = f'no entity {quoted(name)}'
         return response
 
     def _on_spawnables(self, request: Any, response: Any) -> Any:
-        spawnable = standard.messages.Spawnable()
-        spawnable.entity_resource.uri = URI
-        spawnable.description = f'round vertical post of any height, radius {RADIUS:g} m'
-        response.spawnables = [spawnable]
+        for uri, what in (
+            (URI, f'round vertical post of any height, radius {RADIUS:g} m'),
+            (ROBOT_NAME, 'another robot like that of the scene, in a namespace'),
+        ):
+            response.spawnables.append(standard.messages.Spawnable(description=what))
+            response.spawnables[-1].entity_resource.uri = uri
         response.result.result = standard.messages.Result.RESULT_OK
         if request.sources:
             response.result.error_message = f'not looked at: {", ".join(request.sources)}'
         return response
 
-    # ---- pegs -----------------------------------------------------------------------------------
-
     def _spawn(self, request: Any, response: Any, codes: Any) -> None:
-        """Spawn a peg, or fill the result with the reason why not."""
-        result = response.result
+        """Spawn a peg or a robot, or fill the result with the reason why not."""
+        result, is_robot = response.result, request.entity_resource.uri == ROBOT_NAME
         try:
-            name = self._free_name(request, codes)
-            radius = radius_of(request.entity_resource, codes)
-            x, y = place_of(request.initial_pose, codes)
-            self._add(name, x, y, radius, codes)
+            name = self._free_name(request, ROBOT_NAME if is_robot else URI, codes)
+            if is_robot:
+                self._add_robot(name, request, codes)
+            else:
+                radius = radius_of(request.entity_resource, codes)
+                x, y = place_of(request.initial_pose, codes)
+                self._add(name, x, y, radius, codes)
         except Refused as error:
             result.result, result.error_message = error.code, str(error)
             return
         result.result, response.entity_name = standard.messages.Result.RESULT_OK, name
 
-    def _free_name(self, request: Any, codes: Any) -> str:
-        """Return the name of a new peg."""
-        taken, name = {ROBOT_NAME, *self.names}, request.name
+    def _free_name(self, request: Any, kind: str, codes: Any) -> str:
+        """Return the name of what is new."""
+        taken, name = {*self._world.robots, *self.pegs}, request.name
         if name and name not in taken:
             if not name.replace('_', '').isalnum() or len(name) > 100:
                 raise Refused(codes.NAME_INVALID, f'{quoted(name)} must be letters, digits and _')
             return str(name)
         if not request.allow_renaming:
             code = codes.NAME_NOT_UNIQUE if name else codes.NAME_INVALID
-            raise Refused(code, f'there is {name} already' if name else 'a peg needs a name')
-        numbers = (f'{name or PEG.rstrip("_")}_{k}' for k in range(1, MOST + 2))
+            raise Refused(code, f'there is {name} already' if name else f'a {kind} needs a name')
+        numbers = (f'{name or kind}_{k}' for k in range(1, len(taken) + 2))
         return next(each for each in numbers if each not in taken)
+
+    def _add_robot(self, name: str, request: Any, codes: Any) -> None:
+        """Add a robot in a namespace, by default of its name, below that of the node."""
+        robots, below = self._world.robots, request.entity_namespace.strip('/') or name
+        namespace = f'{self._world.get_namespace().rstrip("/")}/{below}'
+        failed = standard.messages.Result.RESULT_OPERATION_FAILED
+        try:
+            validate_namespace(namespace)
+        except InvalidNamespaceException:
+            raise Refused(
+                codes.NAMESPACE_INVALID,
+                f'{quoted(below)} must be letters, digits and _, or such names with / between '
+                f'them; none begins with a digit',
+            ) from None
+        if any(robot.node.get_namespace() == namespace for robot in robots.values()):
+            raise Refused(codes.NAMESPACE_INVALID, f'there is a robot in {namespace} already')
+        if self._world.waiting or len(robots) >= MOST_ROBOTS:
+            most = f'there may be at most {MOST_ROBOTS} robots'
+            raise Refused(failed, self._world.waiting or most)
+        try:
+            self._world.spawn_robot(name, namespace, request.initial_pose)
+        except ParameterError as error:
+            raise Refused(codes.INVALID_POSE, str(error)) from None
 
     def _add(self, name: str, x: float, y: float, radius: float, codes: Any) -> None:
         """Put a peg into the scene."""
-        scene, failed = self._scene(), standard.messages.Result.RESULT_OPERATION_FAILED
-        if len(self.names) >= MOST:
+        scene, failed = self._scene, standard.messages.Result.RESULT_OPERATION_FAILED
+        if len(self.pegs) >= MOST:
             raise Refused(failed, f'there may be at most {MOST} pegs')
         axes = np.vstack([scene.pegs.axes, (x, y, radius)])
         new = replace(scene, pegs=pegs_at(scene.pegs, axes))
-        before, after = (scene_gaps(each, self._simulation.state.q) for each in (scene, new))
-        if after.min() < min(-INSIDE, before.min(initial=0.0)):
-            raise Refused(codes.INVALID_POSE, f'the robot is {-after.min():.3g} m inside it')
+        for robot in self._world.robots.values():
+            before, after = (scene_gaps(each, robot.simulation.state.q) for each in (scene, new))
+            if after.min() < min(-INSIDE, before.min(initial=0.0)):
+                raise Refused(codes.INVALID_POSE, f'a robot is {-after.min():.3g} m inside it')
         try:
-            self._change(new)
+            self._world.change_obstacles(new)
         except ParameterError as error:
             raise Refused(failed, str(error)) from None
-        self.names.append(name)
+        self.pegs.append(name)
 
     def _keep(self, kept: list[int]) -> None:
         """Remove all pegs but some."""
-        scene = self._scene()
-        self._change(replace(scene, pegs=pegs_at(scene.pegs, scene.pegs.axes[kept])))
-        self.names = [self.names[k] for k in kept]
+        scene = self._scene
+        new = replace(scene, pegs=pegs_at(scene.pegs, scene.pegs.axes[kept]))
+        self._world.change_obstacles(new)
+        self.pegs = [self.pegs[k] for k in kept]
 
 
 def pegs_at(pegs: Pegs, axes: Any) -> Pegs:
@@ -185,7 +242,10 @@ def radius_of(resource: Any, codes: Any) -> float:
         raise Refused(codes.NO_RESOURCE, f'uri must be {URI}, or resource_string a URDF')
     if resource.uri:
         if resource.uri != URI:
-            raise Refused(codes.UNSUPPORTED_FORMAT, f'uri must be {URI}, got {resource.uri[:100]}')
+            known = f'{URI} or {ROBOT_NAME}'
+            raise Refused(
+                codes.UNSUPPORTED_FORMAT, f'uri must be {known}, got {resource.uri[:100]}'
+            )
         return RADIUS
     try:
         parts, hinges, _ = read(resource.resource_string)

@@ -78,10 +78,14 @@ class TransformMessages:
 class Transforms:
     """Publishes the transforms."""
 
-    def __init__(self, node: Node, frame_prefix: str, base: str) -> None:
-        self.messages = TransformMessages(frame_prefix, base)
+    def __init__(self, node: Node, frame_prefix: str) -> None:
+        self._prefix = frame_prefix
         self.publisher = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
         self.static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
+
+    def begin(self, base: str) -> None:
+        """Publish the pose of a base of this name from now on."""
+        self.messages = TransformMessages(self._prefix, base)
         self.static.publish(self.messages.fixed)
 
     def publish(self, stamp: Time, pose: list[float]) -> None:
@@ -100,7 +104,7 @@ class Transforms:
 # cylinders (ids from 1). Namespace `patches` has patches of friction as one list of plates (id 0).
 # Namespace `world` has the solids of a world as triangles, one marker each (ids from 0), in the
 # first of WORLD_PERIOD messages. All markers are in frame `world` and have no lifetime: they stay
-# until replaced.
+# until replaced. The first message of a scene deletes those of the scene before.
 
 
 POINT_SIZE = 0.012  # m
@@ -126,7 +130,7 @@ class SceneMarkers:
 
     """
 
-    def __init__(self, scene: Scene, pegs_before: int = 0) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.points = _marker('contacts', 0, Marker.SPHERE_LIST, 'point', [POINT_SIZE] * 3)
         self.forces = _marker('contacts', 1, Marker.LINE_LIST, 'force', [LINE_WIDTH, 0, 0])
         markers = [self.points, self.forces]
@@ -139,18 +143,11 @@ class SceneMarkers:
             peg = _marker('scene', k, Marker.CYLINDER, 'peg', [2 * radius, 2 * radius, height])
             peg.pose.position = _point((x, y, height / 2))
             markers.append(peg)
-        for k in range(len(scene.pegs.x) + 1, pegs_before + 1):
-            gone = _marker('scene', k, Marker.CYLINDER, 'peg', [0.0] * 3)
-            gone.action = Marker.DELETE
-            markers.append(gone)
-        self._pegs = max(len(scene.pegs.x), pegs_before)
         self.solids = [_solid(k, *surface) for k, surface in enumerate(surfaces_of(scene.world))]
         self.others, self.filled = markers, 0
         self.message = MarkerArray(markers=markers)
-
-    def of(self, scene: Scene) -> 'SceneMarkers':
-        """Return the markers of another scene, which remove pegs that it does not have."""
-        return SceneMarkers(scene, self._pegs)
+        self._before = Marker(action=Marker.DELETEALL)
+        self._before.header.frame_id = WORLD
 
     def fill(self, stamp: Time, points: Array, forces: Array) -> None:
         """
@@ -170,6 +167,8 @@ class SceneMarkers:
             marker.points = [_point(entry) for entry in entries.tolist()]
         is_whole = self.filled % WORLD_PERIOD == 0
         self.message.markers = self.others + self.solids if is_whole else self.others
+        if not self.filled:
+            self.message.markers = [self._before, *self.message.markers]
         self.filled += 1
         for marker in self.message.markers:
             marker.header.stamp = stamp
@@ -306,15 +305,21 @@ class SensorPublishers:
 
     """
 
-    def __init__(
-        self, node: Node, simulation: Simulation, settings: Settings, frame_prefix: str
-    ) -> None:
+    def __init__(self, node: Node, frame_prefix: str) -> None:
+        self._node, self._prefix = node, frame_prefix
+        self._imus: list[tuple[Any, Any]] = []
+        self._wrenches: list[tuple[Any, Any]] = []
+
+    def begin(self, simulation: Simulation, settings: Settings) -> None:
+        """Publish the readings of a simulation from now on; raise if it has no such sensors."""
         rate = settings.publish_rate
         steps = steps_in(1.0 / rate, simulation.scene.dt, 'publish period')
         self.reader = SensorReader(simulation, settings, steps, rate)
-        self._messages = SensorMessages(self.reader, settings, frame_prefix)
-        self._imus = _publishers(node, Imu, self._messages.imus)
-        self._wrenches = _publishers(node, WrenchStamped, self._messages.wrenches)
+        for publisher, _ in self._imus + self._wrenches:
+            self._node.destroy_publisher(publisher)
+        self._messages = SensorMessages(self.reader, settings, self._prefix)
+        self._imus = _publishers(self._node, Imu, self._messages.imus)
+        self._wrenches = _publishers(self._node, WrenchStamped, self._messages.wrenches)
         self._read: list[tuple[Any, Any]] = []  # those of `_wrenches` that somebody reads
         self._looked = 0.0  # wall time of the last look for readers [s]
 
@@ -361,7 +366,7 @@ LAST_TIME = QoSProfile(depth=1)  # A newer time replaces one that waits.
 
 class StatePublishers:
     """
-    Publishes the state of a simulation, and at once the robot description, which stays.
+    Publishes the state of a simulation.
 
     Attributes
     ----------
@@ -369,13 +374,13 @@ class StatePublishers:
 
     """
 
-    def __init__(self, node: Node, simulation: Simulation, settings: Settings) -> None:
-        self._simulation = simulation
-        scene, prefix = simulation.scene, settings.frame_prefix
-        if prefix == 'auto':
-            prefix = f'{node.get_namespace()}/'.lstrip('/')
-        self._messages = StateMessages(scene.robot, prefix)
-        self.sensors = SensorPublishers(node, simulation, settings, prefix)
+    def __init__(
+        self, node: Node, simulation: Simulation, settings: Settings, *, has_clock: bool = True
+    ) -> None:
+        self._node, self._prefix = node, settings.frame_prefix
+        if self._prefix == 'auto':
+            self._prefix = f'{node.get_namespace()}/'.lstrip('/')
+        self.sensors = SensorPublishers(node, self._prefix)
         self._joint_states = node.create_publisher(
             JointState,
             'joint_states',
@@ -385,23 +390,43 @@ class StatePublishers:
         self._link_poses = node.create_publisher(PoseArray, 'link_poses', 10)
         self._odom = node.create_publisher(Odometry, 'odom', 10)
         self._markers = node.create_publisher(MarkerArray, 'markers', 10)
-        self._scene_markers = SceneMarkers(scene)
         self._marked = 0.0  # wall time of the last markers [s]
-        clock = settings.publish_clock
+        clock = has_clock and settings.publish_clock
+        description = settings.publish_robot_description
         self._clock = node.create_publisher(Clock, '/clock', LAST_TIME) if clock else None
-        if settings.publish_robot_description:
-            self._description = node.create_publisher(String, 'robot_description', LATCHED)
-            text = robot_description(scene.robot)
-            if interfaces := settings.ros2_control.split():
-                topics = map(node.resolve_topic_name, ('joint_command', 'joint_states'))
-                given = dict(zip(('commands', 'states'), topics, strict=True))
-                text = with_ros2_control(text, scene.robot, interfaces, **given)
-            self._description.publish(String(data=text))
+        self._description = (
+            node.create_publisher(String, 'robot_description', LATCHED) if description else None
+        )
         self._transforms = None
         if settings.publish_tf and TransformMessages.available:
-            self._transforms = Transforms(node, prefix, base_name(scene.robot))
+            self._transforms = Transforms(node, self._prefix)
         elif settings.publish_tf:
             node.get_logger().info('no /tf: the package tf2_msgs is not installed')
+        self.begin(simulation, settings)
+
+    def begin(self, simulation: Simulation, settings: Settings) -> None:
+        """
+        Publish the state of a simulation from now on, and at once its robot description.
+
+        Raises
+        ------
+        ParameterError
+            If its robot does not have the sensors of the settings. Nothing has changed then.
+
+        """
+        self.sensors.begin(simulation, settings)
+        self._simulation, robot = simulation, simulation.scene.robot
+        self._messages = StateMessages(robot, self._prefix)
+        self._scene_markers = SceneMarkers(simulation.scene)
+        if self._transforms:
+            self._transforms.begin(base_name(robot))
+        if self._description:
+            text = robot_description(robot)
+            if interfaces := settings.ros2_control.split():
+                topics = map(self._node.resolve_topic_name, ('joint_command', 'joint_states'))
+                given = dict(zip(('commands', 'states'), topics, strict=True))
+                text = with_ros2_control(text, robot, interfaces, **given)
+            self._description.publish(String(data=text))
 
     def publish(self, nanoseconds: int, held: JointReference | None = None) -> None:
         """
@@ -432,7 +457,7 @@ class StatePublishers:
 
     def show_obstacles(self, scene: Scene) -> None:
         """Show the obstacles of another scene from now on."""
-        self._scene_markers = self._scene_markers.of(scene)
+        self._scene_markers = SceneMarkers(scene)
 
     def publish_markers(self, nanoseconds: int) -> None:
         """Publish contacts and obstacles, if somebody subscribed and the last ones are old."""

@@ -110,6 +110,7 @@ def tolerance_from(field: str, given: Sequence[Any], names: Sequence[str]) -> To
 REACHED, INVALID_GOAL, OFF_PATH, GOAL_MISSED = 0, -1, -4, -5  # numbers of FollowJointTrajectory
 FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_controller
 CANCELED, REPLACED = 'canceled', 'another command took over its joints'
+GONE = 'its world was unloaded'
 
 
 @dataclass
@@ -195,6 +196,10 @@ class TrajectoryAction:
         self._end(REACHED, CANCELED)
         return CancelResponse.ACCEPT
 
+    def drop(self) -> None:
+        """End the goal, since the robot that follows it is gone."""
+        self._end(INVALID_GOAL, GONE)
+
     def _on_time(self, now: float) -> None:
         """Give feedback; end the goal where its trajectory, a tolerance or a command does."""
         if self._followed is None:
@@ -253,17 +258,17 @@ class TrajectoryAction:
             goal.execute(finish)
 
 
-def serve_trajectories(node: Node, inbox: CommandInbox) -> None:
-    """Serve the action of a node if its package is installed."""
-    if FollowJointTrajectory is None:
-        return
+def serve_trajectories(node: Node, inbox: CommandInbox) -> TrajectoryAction:
+    """Return the action of a node; it is served if its package is installed."""
     action = TrajectoryAction(inbox, FollowJointTrajectory)
-    ActionServer(
-        node,
-        FollowJointTrajectory,
-        '~/follow_joint_trajectory',
-        execute_callback=lambda goal: None,  # Each goal gets one of its own.
-        goal_callback=action.on_goal,
-        handle_accepted_callback=action.on_accepted,
-        cancel_callback=action.on_cancel,
-    )
+    if FollowJointTrajectory is not None:
+        ActionServer(
+            node,
+            FollowJointTrajectory,
+            '~/follow_joint_trajectory',
+            execute_callback=lambda goal: None,  # Each goal gets one of its own.
+            goal_callback=action.on_goal,
+            handle_accepted_callback=action.on_accepted,
+            cancel_callback=action.on_cancel,
+        )
+    return action

@@ -49,6 +49,7 @@ POSE_TYPES = {
     'geometry_msgs/msg/PoseWithCovarianceStamped',
     'geometry_msgs/msg/TransformStamped',
 }
+PARTS = ('position', 'velocity', 'effort')  # of a JointState
 LAWS = ('held', 'interpolated')
 HORIZON = 0.05  # s for which `sim` extrapolates a command with its velocity by default
 BACKWARD = 1.0  # s by which stamps may go back, as where messages overtake each other
@@ -255,7 +256,19 @@ def _commands(found: Mapping[str, Raw], prefix: str, clock: _Clock) -> tuple[Com
         for name in COMMANDS
         for stamp, recorded, message in found.get(prefix + name, [])
     ]
+    for topic, time, message in commands:
+        if topic == 'joint_command' and _is_torque(message):
+            raise ParameterError(
+                f'joint_command at {time:.3f} s has efforts alone, which a fit does not simulate; '
+                f'it needs positions or velocities'
+            )
     return tuple(sorted(commands, key=lambda item: item.time))
+
+
+def _is_torque(message: Any) -> bool:
+    """Return whether a JointState has efforts, but neither positions nor velocities."""
+    has = {part: np.isfinite(getattr(message, part)).any() for part in PARTS}
+    return bool(has['effort'] and not (has['position'] or has['velocity']))
 
 
 def _joint_angles(raw: Raw, clock: _Clock, robot: Robot) -> tuple[Array, Array, int]:
@@ -414,9 +427,12 @@ def _after(command: Command, last: JointReference, robot: Robot, horizon: float)
         return _with_trajectory(command, last, robot, horizon)
     angle = joint_axes(message.name, message.position, robot).ravel()
     rate = joint_axes(message.name, message.velocity, robot).ravel()
-    axes = np.flatnonzero(np.isfinite(angle))
+    axes = np.flatnonzero(np.isfinite(angle) | np.isfinite(rate))
     if not len(axes) or command.time < last.stamp.flat[axes].max():
         return last
+    # Velocities alone move joints on from where their references are.
+    (there,), _ = last.sample(np.array([command.time]), horizon, robot.limits)
+    angle = np.where(np.isfinite(angle), angle, there.ravel())
     limited = np.clip(angle[axes], low.flat[axes], high.flat[axes])
     return last.commanded(axes, command.time, limited, np.nan_to_num(rate[axes]))
 

@@ -21,9 +21,9 @@ POINTS = np.array([[0.1, 0.2, 0.0], [0.3, 0.4, 0.0]])
 FORCES = np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 4.0]])
 
 
-def drawn(scene, *contents):
+def drawn(scene, *contents, before=()):
     """Return what a viewer that gets all messages shows: namespace and id -> marker."""
-    shown, markers = {}, SceneMarkers(scene)
+    shown, markers = dict(before), SceneMarkers(scene)
     for points, forces in contents:
         markers.fill(STAMP, points, forces)
         # As it arrives: a field of a wrong type would arrive as garbage.
@@ -31,7 +31,9 @@ def drawn(scene, *contents):
             assert marker.header.frame_id == 'world'
             assert marker.header.stamp == STAMP
             assert marker.lifetime.sec == marker.lifetime.nanosec == 0
-            if marker.action == Marker.DELETE:
+            if marker.action == Marker.DELETEALL:
+                shown.clear()
+            elif marker.action == Marker.DELETE:
                 shown.pop((marker.ns, marker.id), None)
             else:
                 assert marker.action == Marker.ADD
@@ -73,6 +75,12 @@ def test_pegs_are_cylinders_on_the_ground():
         assert (peg.pose.position.x, peg.pose.position.y) == (x, y)
         assert peg.scale.x == peg.scale.y == 2 * radius
         assert peg.pose.position.z == peg.scale.z / 2 > 0
+
+
+def test_nothing_is_left_of_the_scene_before():
+    before = drawn(Scene(pegs=Pegs(x=(1.0, 2.0), y=(-0.5, 0.5))), (POINTS, FORCES))
+    after = drawn(Scene(pegs=Pegs(x=(3.0,), y=(0.0,))), (NOTHING, NOTHING), before=before)
+    assert [marker.pose.position.x for marker in after.values()] == [3.0]
 
 
 def test_patches_are_plates_below_the_floor_darker_where_friction_is_larger():

@@ -8,6 +8,7 @@ tests check the content of answers and messages, not their transport.
 """
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
@@ -20,15 +21,17 @@ from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.nodes import sim_services, standard, state_publishers
 from snake_sim_ros.nodes.entity_services import serve_entities
 from snake_sim_ros.nodes.placing import Placing
-from snake_sim_ros.nodes.spawning import SpawnedPegs
+from snake_sim_ros.nodes.spawning import Spawning
 from snake_sim_ros.nodes.state_messages import StateMessages
+from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
+from snake_sim_ros.scene.files import find_file
 from snake_sim_ros.scene.rotations import rotation_matrices
 
 pytestmark = pytest.mark.fast
 
 
 class State:
-    STATE_STOPPED, STATE_PLAYING, STATE_PAUSED = 0, 1, 2
+    STATE_STOPPED, STATE_PLAYING, STATE_PAUSED, STATE_NO_WORLD = 0, 1, 2, 4
 
 
 class Result:
@@ -41,6 +44,7 @@ class Features:
     SIMULATION_RESET, SIMULATION_RESET_TIME, SIMULATION_RESET_STATE = 20, 21, 22
     SIMULATION_STATE_GETTING, SIMULATION_STATE_SETTING, SIMULATION_STATE_PAUSE = 24, 25, 26
     STEP_SIMULATION_SINGLE, STEP_SIMULATION_MULTIPLE = 31, 32
+    WORLD_LOADING, WORLD_UNLOADING, WORLD_INFO_GETTING, AVAILABLE_WORLDS = 40, 43, 44, 45
 
 
 class Reset:
@@ -52,23 +56,31 @@ class Reset:
 
 class Answer:
     ALREADY_IN_TARGET_STATE, STATE_TRANSITION_ERROR = 101, 102
+    UNSUPPORTED_FORMAT, NO_RESOURCE, RESOURCE_PARSE_ERROR = 101, 102, 103
+    NO_WORLD_LOADED = 101
 
     def __init__(self):
         self.result = SimpleNamespace(result=None, error_message='')
         self.state = SimpleNamespace(state=None)
         self.features = SimpleNamespace(features=None, custom_info='')
+        self.world = World()
+
+
+def World():
+    return SimpleNamespace(name='', world_resource=SimpleNamespace(uri=''))
 
 
 NAMES = ('GetSimulatorFeatures', 'GetSimulationState', 'SetSimulationState', 'ResetSimulation',
-         'StepSimulation')  # fmt: skip
+         'StepSimulation', 'GetCurrentWorld', 'LoadWorld', 'UnloadWorld',
+         'GetAvailableWorlds')  # fmt: skip
 
 
 class Node:
     """A node that counts periods of 5 ms, and keeps the requests that it got."""
 
     def __init__(self):
-        self.paused, self.failure, self.compiling, self.seconds = False, '', '', 1.0
-        self.services, self.told = {}, []
+        self.paused, self.failure, self.waiting, self.seconds = False, '', '', 1.0
+        self.world, self.between, self.services, self.told = 'sidewinding', None, {}, []
 
     def create_service(self, kind, name, callback):
         self.services[name] = callback
@@ -82,6 +94,15 @@ class Node:
     def step(self, count=1):
         self.told.append(('step', count))
         self.seconds += 0.005 * count
+
+    def load_world(self, source, scene):
+        if scene.dt > 0.005:
+            raise ParameterError('publish period must be a multiple of dt')
+        self.world, self.paused = str(find_file(source, Path()).resolve()), True
+        self.seconds = 0.0
+
+    def unload_world(self):
+        self.world, self.paused, self.waiting = '', True, standard.NO_WORLD
 
     def call(self, name, **request):
         answer = self.services[f'~/{name}'](SimpleNamespace(**request), Answer())
@@ -106,7 +127,9 @@ def stand_in(monkeypatch, messages, services):
 
 @pytest.fixture
 def node(monkeypatch):
-    messages = SimpleNamespace(SimulationState=State, Result=Result, SimulatorFeatures=Features)
+    messages = SimpleNamespace(
+        SimulationState=State, Result=Result, SimulatorFeatures=Features, WorldResource=World
+    )
     entities = ('GetEntityState', 'SetEntityState')  # which EntityServices serves
     stand_in(monkeypatch, messages, SimpleNamespace(**dict.fromkeys(NAMES + entities, Answer)))
     node = Node()
@@ -116,7 +139,8 @@ def node(monkeypatch):
 
 def test_services_have_the_names_of_the_standard_beside_our_own(node):
     standard = {'get_simulator_features', 'get_simulation_state', 'set_simulation_state',
-                'reset_simulation', 'step_simulation'}  # fmt: skip
+                'reset_simulation', 'step_simulation', 'get_current_world', 'load_world',
+                'unload_world', 'get_available_worlds'}  # fmt: skip
     assert set(node.services) == {f'~/{name}' for name in standard | {'reset', 'pause', 'step'}}
 
 
@@ -129,7 +153,7 @@ def test_without_the_package_only_our_own_are_served(monkeypatch):
 
 def test_features_are_those_that_are_served(node):
     _, answer = node.call('get_simulator_features')
-    assert answer.features.features == [10, 11, 20, 21, 22, 24, 25, 26, 31, 32]
+    assert answer.features.features == [10, 11, 20, 21, 22, 24, 25, 26, 31, 32, 40, 43, 44, 45]
     assert 'publish period' in answer.features.custom_info
 
 
@@ -176,7 +200,7 @@ def test_a_reset_has_a_scope(node, scope, told):
 
 
 def test_what_needs_physics_is_refused_while_that_is_compiled(node):
-    node.compiling, node.paused = 'compiling, 12 s so far', True
+    node.waiting, node.paused = 'compiling, 12 s so far', True
     assert node.reset_scope(Reset.SCOPE_ALL) == Result.RESULT_OPERATION_FAILED
     result, answer = node.call('step_simulation', steps=1)
     assert result == Result.RESULT_OPERATION_FAILED
@@ -203,6 +227,101 @@ def test_steps_are_taken_while_paused(node):
     assert (result, answer.result.error_message) == (Result.RESULT_OPERATION_FAILED, 'too far')
 
 
+def load(node, uri='', text=''):
+    resource = SimpleNamespace(uri=uri, resource_string=text)
+    result, answer = node.call('load_world', world_resource=resource)
+    return result, answer.result.error_message or answer.world
+
+
+def test_a_world_is_loaded_by_name_and_by_file(node, tmp_path):
+    file = tmp_path / 'my own.yaml'
+    file.write_text('friction: {longitudinal: 0.2}')
+    for uri, name in (
+        ('lateral_undulation', 'lateral_undulation'),
+        (str(file), 'my own'),
+        (file.as_uri(), 'my own'),  # with %20
+    ):
+        node.set_state(State.STATE_PLAYING)
+        node.seconds = 1.0
+        result, world = load(node, uri)
+        assert (result, world.name) == (Result.RESULT_OK, name)
+        assert world.world_resource.uri == Path(node.world).as_uri()
+        assert node.state() == State.STATE_STOPPED
+        assert node.call('get_current_world')[1].world == world
+
+
+def test_what_is_no_world_is_refused_and_nothing_changes(node, tmp_path):
+    wrong, slow = tmp_path / 'wrong.yaml', tmp_path / 'slow.yaml'
+    wrong.write_text('frictoin: 1')
+    slow.write_text('dt: 0.01')
+    for uri, code, said in (
+        ('', Answer.NO_RESOURCE, 'uri must be a scene'),
+        ('latral_undulation', Result.RESULT_NOT_FOUND, "did you mean 'lateral_undulation'?"),
+        ('http://a/b.yaml', Answer.UNSUPPORTED_FORMAT, "got 'http://a/b.yaml'"),
+        ('house.sdf', Answer.UNSUPPORTED_FORMAT, "got 'house.sdf'"),
+        (str(wrong), Answer.RESOURCE_PARSE_ERROR, 'frictoin'),
+        (str(slow), Result.RESULT_OPERATION_FAILED, 'a multiple of dt'),
+    ):
+        result, sentence = load(node, uri)
+        assert result == code and said in sentence
+    assert load(node, text='dt: 0.001')[0] == Answer.UNSUPPORTED_FORMAT
+    node.between = lambda: None  # the steps of a goal
+    for result, sentence in (load(node, 'sidewinding'), unload(node)):
+        assert result == Result.RESULT_OPERATION_FAILED and 'cancel the goal' in sentence
+    assert (node.world, node.paused) == ('sidewinding', False)
+
+
+def available(node, *sources, keep_on=False):
+    request = {'additional_sources': sources, 'filter': SimpleNamespace(tags=[])}
+    answer = SimpleNamespace(result=SimpleNamespace(), worlds=[])
+    request = SimpleNamespace(**request, continue_on_error=keep_on)
+    node.services['~/get_available_worlds'](request, answer)
+    names = [world.name for world in answer.worlds]
+    return answer.result.result, answer.result.error_message, names
+
+
+def test_scenes_in_folders_and_files_are_available_too(node, tmp_path, monkeypatch):
+    result, _, of_package = available(node)
+    assert result == Result.RESULT_OK and 'sidewinding' in of_package
+    for name, text in (
+        ('second.yaml', 'friction: {longitudinal: 0.2}'),
+        ('first.yml', 'start: {height: 1.0}\ngait: {name: rolling}'),
+        ('robot.yaml', 'link_count: 3'),
+        ('broken.yaml', 'dt: ['),
+        ('notes.txt', 'dt: 0.001'),
+    ):
+        (tmp_path / name).write_text(text)
+    found = available(node, tmp_path.as_uri(), str(tmp_path / 'second.yaml'))
+    assert found == (Result.RESULT_OK, '', [*of_package, 'first', 'second', 'second'])
+    monkeypatch.chdir(tmp_path)
+    sources = ['notes.txt', 'http://a', 300 * 'a']
+    lacks = '; '.join(f'no scenes in {quoted(cut(source))}' for source in sources)
+    assert available(node, *sources) == (Result.RESULT_NOT_FOUND, lacks, [])
+    assert available(node, *sources, keep_on=True) == (Result.RESULT_OK, lacks, of_package)
+
+
+def unload(node):
+    result, answer = node.call('unload_world')
+    return result, answer.result.error_message
+
+
+def test_without_a_world_all_is_refused_until_one_is_loaded(node):
+    assert unload(node) == (Result.RESULT_OK, '')
+    assert node.state() == State.STATE_NO_WORLD
+    assert unload(node)[0] == Answer.NO_WORLD_LOADED
+    assert node.call('get_current_world')[0] == Answer.NO_WORLD_LOADED
+    for wanted in (State.STATE_PLAYING, State.STATE_PAUSED, State.STATE_STOPPED):
+        assert node.set_state(wanted)[0] == Answer.STATE_TRANSITION_ERROR
+    assert node.call('step_simulation', steps=1)[0] == Result.RESULT_OPERATION_FAILED
+    assert node.reset_scope(Reset.SCOPE_ALL) == Result.RESULT_OPERATION_FAILED
+    answer = node.services['~/pause'](SimpleNamespace(data=False), SimpleNamespace(success=False))
+    assert not answer.success and answer.message == standard.NO_WORLD
+    assert not node.told
+    node.waiting = ''
+    assert load(node, 'sidewinding')[0] == Result.RESULT_OK
+    assert node.state() == State.STATE_STOPPED
+
+
 def entity_state(position=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0, 1.0), speed=0.0, frame=''):
     """Return what has the fields of an EntityState."""
     state = SimpleNamespace(
@@ -219,11 +338,16 @@ class Entities:
 
     def __init__(self, scene):
         self.simulation, self.services, self.moved = Simulation(scene), {}, 0
-        node = SimpleNamespace(
+        handling = SimpleNamespace(placing=Placing(self.simulation, self.count))
+        robot = SimpleNamespace(
+            simulation=self.simulation, handling=handling, scene=self.simulation.scene
+        )
+        self.node = SimpleNamespace(
+            world='it is there',
+            robots={'snake_robot': robot},
             create_service=lambda kind, name, callback: self.services.update({name: callback}),
         )
-        pegs = SpawnedPegs(self.simulation, lambda: self.simulation.scene, self.simulation.change)
-        serve_entities(node, self.simulation, Placing(self.simulation, self.count), pegs)
+        serve_entities(self.node, self.node.robots, Spawning(self.node))
 
     def count(self):
         self.moved += 1
@@ -255,6 +379,13 @@ def entities(monkeypatch):
 @pytest.fixture
 def undulating(entities):
     return Entities('lateral_undulation')
+
+
+def test_without_a_world_there_are_no_entities(entities):
+    entities.node.world = ''
+    answer = entities.get('snake_robot').result
+    assert answer.result == Result.RESULT_OPERATION_FAILED
+    assert answer.error_message == 'no world is loaded: call ~/load_world first'
 
 
 def test_an_older_package_has_no_services_of_entities(monkeypatch):

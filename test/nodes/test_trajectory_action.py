@@ -131,6 +131,13 @@ def test_canceled_goal_is_stopped(action):
     assert action.on_cancel(goal) == CancelResponse.REJECT
 
 
+def test_goal_of_a_robot_that_is_gone_ends(action):
+    goal = start(action, 1)
+    action.drop()
+    assert (goal.end, goal.result.error_string) == ('aborted', 'its world was unloaded')
+    assert action._inbox.watch is None
+
+
 def test_feedback_comes_twenty_times_a_second(action):
     goal = start(action, 1)
     action._inbox.there[0] = 0.4

@@ -59,8 +59,11 @@ def commands_of(scene, form):
     """Return commands in a form that robots take, each with the time at which it comes [s]."""
     times = np.arange(0.0, DURATION, PERIOD)
     names, count = list(scene.robot.axis_names), scene.robot.link_count - 1
-    if form == 'joint_command':
-        return gait_commands(scene, times)
+    if form in ('joint_command', 'velocities'):
+        commands = gait_commands(scene, times)
+        for _, _, message in commands if form == 'velocities' else ():
+            message.position = []
+        return commands
     ahead = PERIOD if form == 'joint_trajectory' else 0.0
     angle, rate = gait.reference(scene.gait, times + ahead, count)
     found = []
@@ -97,7 +100,7 @@ def measured(scene):
     return simulated(scene, commands_of(scene, 'joint_command'))
 
 
-@pytest.mark.parametrize('form', list(READ))
+@pytest.mark.parametrize('form', [*READ, 'velocities'])
 def test_references_are_those_of_the_simulator(scene, form, tmp_path):
     commands = commands_of(scene, form)
     motion = simulated(scene, commands)
@@ -185,6 +188,15 @@ def test_a_message_without_stamp_has_the_time_of_its_recording(scene, measured, 
 
 
 # ---- bags that are not usable -------------------------------------------------------------------
+
+
+def test_torques_alone_are_refused(scene, measured, tmp_path):
+    command = JointState(name=['joint_1_yaw'], position=[np.nan], effort=[0.1])
+    command.header.stamp = stamp_from(2_500_000_000)
+    messages = [*commands_of(scene, 'joint_command'), ('joint_command', 2.5, command)]
+    path = write_messages(tmp_path / 'run.mcap', [*messages, *state_messages(measured)])
+    with pytest.raises(ParameterError, match=r'at 2\.500 s has efforts alone, which a fit'):
+        read_recording(path, scene)
 
 
 def test_what_a_bag_lacks_is_one_sentence(scene, measured, tmp_path):

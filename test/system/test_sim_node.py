@@ -6,7 +6,9 @@ from pathlib import Path
 import re
 import signal
 import time
+from types import SimpleNamespace
 
+from geometry_msgs.msg import PoseStamped
 import numpy as np
 from offline import (
     bits,
@@ -27,6 +29,7 @@ from sim_client import connected, SimClient
 from std_srvs.srv import Trigger
 
 from snake_sim_ros import Report
+from snake_sim_ros.nodes.compiling import NotCompiledError
 from snake_sim_ros.nodes.diagnostics import reason
 from snake_sim_ros.nodes.sim_node import SimNode
 from snake_sim_ros.scene.parameters import load_scene
@@ -380,6 +383,42 @@ def test_log_says_why_the_level_changes(monkeypatch):
         'level spatial from t = 0.01 s on: friction.rolling is 0.1, and in the plane nothing '
         'rolls',
     ]
+
+
+@pytest.mark.usefixtures('middleware')
+def test_robots_keep_the_same_time_whatever_stops_one_of_them(monkeypatch):
+    node = SimNode()
+    pose = PoseStamped()
+    pose.pose.position.z = 0.0525
+    node.spawn_robot('two', '/two', pose)
+    first, two = node.robots.values()
+
+    def counts():
+        return [robot.simulation.step_count for robot in node.robots.values()]
+
+    def refuse(most):
+        raise NotCompiledError
+
+    # The first has its steps while the compiler makes those of the other; it does not repeat them.
+    node.compiler = SimpleNamespace(levels=['planar', 'spatial'], needed=0, awaited='')
+    with monkeypatch.context() as patch:
+        patch.setattr(two, 'advance', refuse)
+        assert not node.advance() and not node.advance()
+        assert counts() == [20, 0] and node.compiler.needed == 2
+    assert node.advance()
+    assert counts() == [20, 20]
+    # One that diverges halts all, between two periods; a reset begins at the next one.
+    two.simulation.step_count += 7
+    two.simulation.report.failure = 'too far'
+    assert node.failure == 'too far' and node.halted
+    node.step(3)
+    assert counts() == [20, 27]
+    node.reset()
+    assert counts() == [40, 40] and not node.failure
+    assert first.simulation.state.q[5, :2] != pytest.approx(two.simulation.state.q[5, :2])
+    assert two.simulation.state.q[5, :2] == pytest.approx([0.0, 0.0], abs=1e-12)
+    node.delete_robot('two')
+    node.destroy_node()
 
 
 @pytest.fixture

@@ -5,10 +5,14 @@
 import math
 
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import PoseArray, PoseStamped, Vector3
 import numpy as np
 import pytest
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.action import ActionClient
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter, parameter_value_to_python
+from sensor_msgs.msg import JointState
 from sim_client import connected, SimClient
 from simulation_interfaces import srv
 from simulation_interfaces.action import SimulateSteps
@@ -23,6 +27,9 @@ from simulation_interfaces.msg import (
     SpawnEntity,
     SpawnResult,
 )
+from std_msgs.msg import String
+
+from snake_sim_ros.nodes.messages import LATCHED
 
 ROBOT = 'snake_robot'
 PEGS = ['pegs.x:=[1.0, -3.0]', 'pegs.y:=[3.0, 0.5]']
@@ -51,6 +58,8 @@ SERVED = {
     'STEP_SIMULATION_ACTION': 'simulate_steps/_action/send_goal',
     'WORLD_INFO_GETTING': 'get_current_world',
     'AVAILABLE_WORLDS': 'get_available_worlds',
+    'WORLD_LOADING': 'load_world',
+    'WORLD_UNLOADING': 'unload_world',
 }
 
 
@@ -83,10 +92,11 @@ class Standard(SimClient):
 
 @pytest.fixture(scope='module')
 def sims(make_graph):
-    """Return a paused sim at each level, the second one with pegs."""
+    """Return a paused sim at each level, the second one with pegs, and one for other worlds."""
     return connected(
         Standard(make_graph(), 'start_paused:=true', 'level:=planar'),
         Standard(make_graph(), 'start_paused:=true', 'level:=spatial', *PEGS),
+        Standard(make_graph(), 'start_paused:=true'),
     )
 
 
@@ -100,6 +110,13 @@ def sim(sims, request):
 def spatial(sims):
     sims[1].ok('ResetSimulation')
     return sims[1]
+
+
+@pytest.fixture
+def moved(sims):
+    """Return a sim in which robots are spawned, and whose worlds change."""
+    sims[2].ok('LoadWorld', world_resource=Resource(uri='lateral_undulation'))
+    return sims[2]
 
 
 def numbers(message):
@@ -232,8 +249,9 @@ def listed(sim):
 
 
 def test_pegs_are_spawned_deleted_and_gone_after_a_reset(spatial):
-    (offered,) = spatial.ok('GetSpawnables').spawnables
-    resource = offered.entity_resource
+    offered = spatial.ok('GetSpawnables').spawnables
+    assert [item.entity_resource.uri for item in offered] == ['peg', ROBOT]
+    resource = offered[0].entity_resource
     answer = spatial.ok(
         'SpawnEntity', name='post', entity_resource=resource, initial_pose=at(4.0, 2.0)
     )
@@ -289,6 +307,115 @@ def test_peg_that_cannot_be_spawned(spatial):
     assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'peg_1_1', 'a']
     spatial.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_STOPPED))
     assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2']
+
+
+# ---- further robots -----------------------------------------------------------------------------
+
+
+class Further:
+    """A robot that is spawned into a sim, and what it publishes."""
+
+    def __init__(self, sim, pose, name='two', namespace=''):
+        self.sim, self.name, space = sim, name, namespace or name
+        self.joint_states = sim.graph.record(JointState, f'/{space}/joint_states')
+        self.link_poses = sim.graph.record(PoseArray, f'/{space}/link_poses')
+        self.commands = sim.graph.node.create_publisher(JointState, f'/{space}/joint_command', 1)
+        fields = {'entity_namespace': namespace, 'entity_resource': Resource(uri=ROBOT)}
+        sim.ok('SpawnEntity', name=name, initial_pose=pose, **fields)
+        sim.graph.until(self.is_connected, 'the topics of a further robot')
+
+    def is_connected(self):
+        """Return whether messages pass in both directions."""
+        if not (self.joint_states and self.link_poses):
+            self.sim.reset()
+        return self.commands.get_subscription_count() and self.joint_states and self.link_poses
+
+    @property
+    def places(self):
+        """Places of all links in the last message, (n, 3) [m]."""
+        return np.array([numbers(pose.position) for pose in self.link_poses[-1].poses])
+
+
+def base_pose_of(sim, *, aside=0.0):
+    """Return the pose of the robot of a sim, or one aside of it [m]."""
+    pose = PoseStamped(pose=sim.entity().pose)
+    pose.pose.position.y += aside
+    return pose
+
+
+def test_further_robot_moves_beside_the_first_by_its_own_commands(moved):
+    sim = moved
+    other = Further(sim, base_pose_of(sim, aside=1.0))
+    assert listed(sim) == [ROBOT, 'two']
+    info = sim.ok('GetEntityInfo', entity='two').info
+    assert info.category.category == EntityCategory.CATEGORY_ROBOT
+    start = other.places
+    first = np.array([numbers(pose.position) for pose in sim.link_poses[-1].poses])
+    assert start - first == pytest.approx(np.tile([0.0, 1.0, 0.0], (11, 1)))
+    other.commands.publish(JointState(name=['joint_1_yaw'], position=[0.2]))
+    assert other.commands.wait_for_all_acked(Duration(seconds=10))
+    sim.ok('StepSimulation', steps=80)
+    sim.graph.until(lambda: sim.now == pytest.approx(0.4), 'the steps')
+    sim.graph.until(
+        lambda: other.joint_states[-1].header == sim.joint_states[-1].header, 'the same time'
+    )
+    assert abs(sim.joint_states[-1].position[0]) < 1e-3
+    turned = other.joint_states[-1].position[0]
+    assert 0.1 < turned < 0.25
+    # Each goes back to its start, and the same command moves the first one by the same angle.
+    sim.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_STATE)
+    sim.graph.until(lambda: other.places == pytest.approx(start), 'the other at its start')
+    sim.send({'joint_1_yaw': 0.2})
+    sim.ok('StepSimulation', steps=80)
+    sim.graph.until(lambda: sim.now == pytest.approx(0.8), 'the steps')
+    assert sim.joint_states[-1].position[0] == pytest.approx(turned, rel=1e-6)
+    # It is set, pushed aside and asked by its name, and its links by theirs.
+    wanted = EntityState()
+    wanted.twist.linear.y = 0.2
+    assert sim.put(wanted, twist=True, entity='two') == (Result.RESULT_OK, '')
+    assert sim.entity('two').twist.linear.y == pytest.approx(0.2)
+    assert abs(sim.entity().twist.linear.y) < 1e-12
+    place = sim.entity('two/link_3').pose.position
+    assert sim.entity('link_3').pose.position.y - place.y == pytest.approx(-1.0, abs=0.1)
+    assert sim.ask('GetEntityState', entity='three/link_3')[1] == Result.RESULT_NOT_FOUND
+    sim.graph.until(lambda: len(sim.diagnostics[-1].status) == 2, 'diagnostics of both')
+    assert sim.diagnostics[-1].status[1].name == 'two/sim: physics'
+    sim.ok('DeleteEntity', entity='two')
+    sim.graph.until(lambda: not other.commands.get_subscription_count(), 'the end of the other')
+    assert listed(sim) == [ROBOT]
+    sim.ok('StepSimulation', steps=1)
+
+
+def test_further_robots_stay_until_a_reset_of_what_was_spawned_or_another_world(moved):
+    pose = base_pose_of(moved)  # in the first one: they do not touch
+    for name in ('two', 'three'):
+        fields = {'entity_resource': Resource(uri=ROBOT), 'initial_pose': pose}
+        moved.ok('SpawnEntity', name=name, entity_namespace=f'more/{name}', **fields)
+    offered = dict(moved.graph.node.get_topic_names_and_types())
+    assert '/more/three/odom' in offered
+    moved.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_STATE)
+    assert listed(moved) == [ROBOT, 'two', 'three']
+    moved.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_SPAWNED)
+    assert listed(moved) == [ROBOT]
+    moved.ok('SpawnEntity', name='two', **fields)
+    moved.ok('LoadWorld', world_resource=Resource(uri='sidewinding'))
+    assert listed(moved) == [ROBOT]
+
+
+def test_robot_that_cannot_be_spawned(moved):
+    codes, robot, there = srv.SpawnEntity.Response, Resource(uri=ROBOT), base_pose_of(moved)
+    moved.ok('SpawnEntity', name='two', entity_resource=robot, initial_pose=there)
+    for name, namespace, pose, code, said in (
+        ('two', '', there, codes.NAME_NOT_UNIQUE, 'there is two already'),
+        ('', '', there, codes.NAME_INVALID, 'needs a name'),
+        ('three', '2nd', there, codes.NAMESPACE_INVALID, "'2nd' must be letters"),
+        ('three', 'two', there, codes.NAMESPACE_INVALID, 'there is a robot in /two already'),
+        ('three', '', at(0.0, 0.0), codes.INVALID_POSE, 'inside the floor'),
+    ):
+        fields = {'entity_namespace': namespace, 'initial_pose': pose, 'entity_resource': robot}
+        response, found = moved.ask('SpawnEntity', name=name, **fields)
+        assert found == code and said in response.result.error_message, response
+    assert listed(moved) == [ROBOT, 'two']
 
 
 # ---- time and worlds ----------------------------------------------------------------------------
@@ -366,3 +493,92 @@ def test_worlds_are_the_scenes_of_the_package(spatial):
     worlds = spatial.ok('GetAvailableWorlds').worlds
     assert {'lateral_undulation', 'sidewinding', 'obstacle_aided'} <= {w.name for w in worlds}
     assert 'aiko' not in {w.name for w in worlds}  # a robot
+
+
+# ---- other worlds -------------------------------------------------------------------------------
+
+OTHER = """
+dt: 0.0005
+level: spatial
+robot: {link_count: 4}
+pegs: {x: [2.0], y: [0.0]}
+friction: {longitudinal: 0.2}
+"""
+
+
+def test_world_with_another_robot_is_loaded_while_time_runs(moved, tmp_path):
+    sim, states, node = moved, SimulationState, moved.graph.node
+    file = tmp_path / 'other.yaml'
+    file.write_text(OTHER)
+    descriptions = []
+    node.create_subscription(String, '/robot_description', descriptions.append, LATCHED)
+    sim.ok('SetSimulationState', state=states(state=states.STATE_PLAYING))
+    sim.graph.until(lambda: sim.now > 0.05, 'time')
+    world = sim.ok('LoadWorld', world_resource=Resource(uri=file.as_uri())).world
+    assert world.name == 'other' and world == sim.ok('GetCurrentWorld').world
+    assert sim.ok('GetSimulationState').state.state == states.STATE_STOPPED
+    # Whoever listened hears the state at once: time 0, and fewer joints.
+    sim.graph.until(lambda: sim.now == 0.0, 'the start of the other world')
+    assert len(sim.joint_states[-1].name) == 6 and len(sim.link_poses[-1].poses) == 4
+    assert listed(sim) == [ROBOT, 'peg_1']
+    assert sim.entity('peg_1').pose.position.x == 2.0
+    sim.graph.until(lambda: 'joint_3_pitch' in descriptions[-1].data, 'the other robot')
+    assert 'joint_4_pitch' not in descriptions[-1].data
+    request = GetParameters.Request(
+        names=['scene', 'dt', 'robot.link_count', 'friction.longitudinal', 'publish_rate']
+    )
+    found = sim.graph.call(GetParameters, '/sim/get_parameters', request).values
+    values = [parameter_value_to_python(value) for value in found]
+    assert values == [str(file), 0.0005, 4, 0.2, 200.0]
+    value = Parameter('friction.longitudinal', value=0.3).to_parameter_msg()
+    request = SetParameters.Request(parameters=[value])
+    (changed,) = sim.graph.call(SetParameters, '/sim/set_parameters', request).results
+    assert changed.successful, changed.reason
+    # It takes commands, and steps of its own length: a period is still 5 ms.
+    sim.send({'joint_1_yaw': 0.01})
+    sim.ok('StepSimulation', steps=100)
+    sim.graph.until(lambda: sim.now == pytest.approx(0.5), 'steps')
+    assert 0.005 < sim.joint_states[-1].position[0] < 0.015  # friction of contacts holds it
+    sim.send({'joint_10_yaw': 0.01})
+    sim.graph.until(lambda: sim.process.count("unknown joint 'joint_10_yaw'"), 'a refusal')
+
+
+def test_world_that_is_refused_leaves_all_as_it_is(spatial, tmp_path):
+    before, codes = spatial.entity(), srv.LoadWorld.Response
+    slow, wrong = tmp_path / 'slow.yaml', tmp_path / 'wrong.yaml'
+    slow.write_text('dt: 0.003')
+    wrong.write_text('frictoin: 1')
+    for resource, code, said in (
+        (Resource(), codes.NO_RESOURCE, 'must be a scene'),
+        (Resource(resource_string=OTHER), codes.UNSUPPORTED_FORMAT, 'uri is needed'),
+        (Resource(uri='model://house'), codes.UNSUPPORTED_FORMAT, 'YAML file or a URDF'),
+        (Resource(uri='sidwinding'), Result.RESULT_NOT_FOUND, "did you mean 'sidewinding'?"),
+        (Resource(uri=str(wrong)), codes.RESOURCE_PARSE_ERROR, 'frictoin'),
+        (Resource(uri=str(slow)), Result.RESULT_OPERATION_FAILED, 'publish period'),
+    ):
+        response, found = spatial.ask('LoadWorld', world_resource=resource)
+        assert found == code and said in response.result.error_message, response
+    assert spatial.entity() == before
+    assert spatial.ok('GetCurrentWorld').world.name == 'lateral_undulation'
+
+
+def test_without_a_world_time_waits_for_one(moved):
+    states, failed = SimulationState, Result.RESULT_OPERATION_FAILED
+    for world in moved.ok('GetAvailableWorlds').worlds:
+        if world.name == 'sidewinding':
+            break
+    moved.ok('UnloadWorld')
+    assert moved.ask('UnloadWorld')[1] == srv.UnloadWorld.Response.NO_WORLD_LOADED
+    assert moved.ask('GetCurrentWorld')[1] == srv.GetCurrentWorld.Response.NO_WORLD_LOADED
+    assert moved.ok('GetSimulationState').state.state == states.STATE_NO_WORLD
+    playing = states(state=states.STATE_PLAYING)
+    answer, code = moved.ask('SetSimulationState', state=playing)
+    assert code == srv.SetSimulationState.Response.STATE_TRANSITION_ERROR
+    assert 'call ~/load_world' in answer.result.error_message
+    for name in ('GetEntities', 'StepSimulation', 'ResetSimulation', 'GetSpawnables'):
+        assert moved.ask(name)[1] == failed
+    assert not moved.pause(False).success
+    moved.ok('LoadWorld', world_resource=world.world_resource)
+    moved.ok('SetSimulationState', state=playing)
+    moved.graph.until(lambda: 0.02 < moved.now < 1.0, 'time')
+    moved.pause(True)

@@ -22,6 +22,7 @@ from sim_client import SimClient
 import yaml
 
 from snake_sim_ros.nodes.state_publishers import TransformMessages
+from snake_sim_ros.scene.files import CONFIG
 
 ROOT = Path(__file__).parents[2]
 TUTORIAL = (ROOT / 'docs/first_steps.md').read_text(encoding='utf-8')
@@ -190,3 +191,11 @@ def test_tables_are_what_the_nodes_have(toured, name):
         toured.graph.until(lambda: name in toured.graph.node.get_node_names(), name)
         toured.graph.until(lambda: found(toured.graph.node, name) == said, 'its topics', 20.0)
     assert found(toured.graph.node, name) == said
+
+
+@pytest.mark.parametrize('file', ['foxglove.json', 'aiko.rviz'])
+def test_layouts_of_viewers_name_topics_of_the_tables(file):
+    rows = table('## Interface of `sim`') | table('## Interface of `gait`')
+    known = {f'/{name.lstrip("/")}' for _, name, _ in rows}
+    named = set(re.findall(r'(?<=[" ])/[a-z_]+', (CONFIG / file).read_text(encoding='utf-8')))
+    assert named and named <= known

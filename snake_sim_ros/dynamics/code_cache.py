@@ -20,7 +20,7 @@ from contextlib import suppress
 import fcntl
 from functools import cache
 import hashlib
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
 import platform
@@ -42,7 +42,6 @@ COMPILERS = ('numba', 'llvmlite', 'numpy')  # libraries that determine the code
 GENERATIONS = 4  # folders of other sources that are kept, those that were used last
 SHIPPED = PACKAGE / 'machine_code'  # folders of machine code that came with the package
 SUFFIX = '.code'  # of a file of the code of a function
-MADE_FOR = 'made_for.txt'  # file in such a folder: what its code is for, as of `versions`
 # x86_64 with AVX2 and FMA, from 2013 on. Code for the very processor would be no faster, and among
 # pegs its bits depend on whether it has AVX-512.
 PORTABLE = 'x86-64-v3'
@@ -63,31 +62,34 @@ def processor_name() -> str:
     return os.environ.get('NUMBA_CPU_NAME', PORTABLE if is_portable() else '')
 
 
-def versions() -> str:
-    """Return for what code is compiled in this process, as a clause."""
-    libraries = ', '.join(f'{library} {version(library)}' for library in COMPILERS)
-    python = '.'.join(map(str, sys.version_info[:2]))
-    return f'Python {python}, {libraries} and {processor_name() or "this processor"}'
+def version_of(library: str) -> str:
+    """Return the version of a library, empty if it is not installed."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ''
 
 
-def identity(places: Sequence[str] = ROOMS) -> str:
+def identity(places: Sequence[str] = ROOMS, libraries: Sequence[str] = COMPILERS) -> str:
     """
-    Return a name for the contents of some modules, the compiler and its settings.
+    Return a name for the contents of some modules, the processor, and what compiles them.
 
     Parameters
     ----------
     places : sequence of str
         Folders of the package, with all modules in them, or single modules.
+    libraries : sequence of str
+        Libraries whose versions count, with that of Python and the settings of Numba. Machine code
+        that came with the package was compiled by whatever there was, and needs none of them.
 
     """
-    digest = hashlib.sha256(f'{sys.implementation.cache_tag}\n'.encode())
-    for name in sorted(name for name in os.environ if name.startswith('NUMBA_')):
-        if name != 'NUMBA_CACHE_DIR':
-            digest.update(f'{name} {os.environ[name]}\n'.encode())
-    for library in COMPILERS:
-        digest.update(f'{library} {version(library)}\n'.encode())
     host = f'{get_host_cpu_name()} {get_host_cpu_features().flatten()}'
-    digest.update(f'{processor_name() or host}\n'.encode())
+    digest = hashlib.sha256(f'{processor_name() or host}\n'.encode())
+    if libraries:
+        settings = sorted(name for name in os.environ if name.startswith('NUMBA_'))
+        lines = [f'{name} {os.environ[name]}' for name in settings if name != 'NUMBA_CACHE_DIR']
+        lines += [f'{library} {version_of(library)}' for library in libraries]
+        digest.update('\n'.join([str(sys.implementation.cache_tag), *lines]).encode())
     paths = [PACKAGE / place for place in places]
     files = [[path] if path.suffix == '.py' else path.rglob('*.py') for path in paths]
     for path in sorted(path for found in files for path in found):
@@ -165,7 +167,7 @@ FOLDER = None if DISABLED else cache_folder()
 
 def shipped_folder() -> Path | None:
     """Return the folder of machine code that came with the package; None if there is none."""
-    folder = SHIPPED / identity()
+    folder = SHIPPED / identity(libraries=())
     return folder if processor_name() == PORTABLE and folder.is_dir() else None
 
 
@@ -175,18 +177,16 @@ def why_compile() -> str:
 
     It is an old compiler, or machine code that came with the package and is of no use.
     """
-    numba = version('numba')
-    if tuple(map(int, numba.split('.')[:2])) < OLDEST_NUMBA:
+    numba = version_of('numba')
+    if numba and tuple(map(int, numba.split('.')[:2])) < OLDEST_NUMBA:
         return (
             f'numba {numba} compiles each scene for minutes: install numba '
             f'{".".join(map(str, OLDEST_NUMBA))} or newer'
         )
-    made_for = sorted(SHIPPED.glob(f'*/{MADE_FOR}'))
-    if not made_for or shipped_folder():
+    if shipped_folder() or not any(SHIPPED.glob('*')):
         return ''
-    known, here = made_for[0].read_text(encoding='utf-8').strip(), versions()
-    missing = 'but its sources have changed' if known == here else f'but not for {here}'
-    return f'the package brings machine code for {known}, {missing}: it is compiled now'
+    here = 'its sources have changed' if is_portable() else 'this is an older or another processor'
+    return f'the package brings machine code for {PORTABLE}, but {here}: it is compiled now'
 
 
 SHIPPED_FOLDER = None if DISABLED else shipped_folder()

@@ -56,6 +56,8 @@ class Function:
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it by Numba, which compiles it for any types."""
+        if self.kind != 'compiled':
+            raise TypeError(f'{self.py_func.__name__} is called by compiled functions only')
         return self.dispatcher(*arguments, **named)
 
 

@@ -9,7 +9,6 @@ neither: it is optimized once, within the function that Python calls. That takes
 time. The inside of Numba is needed for it, but only its libraries of code: `CPUCodeLibrary`.
 """
 
-import ctypes
 import os
 import pickle
 from typing import Any
@@ -196,8 +195,6 @@ class CodeCache(_Cache):  # type: ignore[misc]
 
 
 LINKED = 'linked'  # kind of such code in the cache, as 'object' and 'bitcode' of Numba
-# A function of the interpreter that raises a TypeError, whatever its arguments.
-NOT_CALLABLE = ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value or 0
 
 
 class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -211,9 +208,9 @@ class LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return what Python calls: there is no such function, which it says as a TypeError."""
+        """Return no address: `compilation.Function` refuses calls from Python."""
         self._ensure_finalized()
-        return NOT_CALLABLE
+        return 0
 
     @property
     def codegen(self) -> Any:

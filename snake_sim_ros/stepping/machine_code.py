@@ -20,17 +20,9 @@ import subprocess
 import sys
 import tempfile
 
-import numba
 from tqdm import tqdm
 
-from snake_sim_ros.dynamics.code_cache import (
-    identity,
-    is_portable,
-    MADE_FOR,
-    PORTABLE,
-    Shelf,
-    versions,
-)
+from snake_sim_ros.dynamics.code_cache import identity, is_portable, PORTABLE, Shelf
 from snake_sim_ros.dynamics.compilation import COMPILES
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
@@ -66,14 +58,11 @@ def keep_loaded(folder: Path) -> None:
     """Load everything, and copy it to the folder of these sources in another folder."""
     for number in range(len(FORMS)):
         compile_form(number)
-    to = folder / identity()
-    # Errors in functions of Numba name its files: of the same length, since lengths are kept.
-    here = str(Path(numba.__file__).parents[1]).encode()
+    to = folder / identity(libraries=())
     for path in Shelf.loaded:
         room = to / path.parent.name
         room.mkdir(parents=True, exist_ok=True)
-        (room / path.name).write_bytes(path.read_bytes().replace(here, b'/' * len(here)))
-    (to / MADE_FOR).write_text(f'{versions()}\n', encoding='utf-8')
+        (room / path.name).write_bytes(path.read_bytes())
 
 
 def call(environment: dict[str, str], *arguments: str) -> None:

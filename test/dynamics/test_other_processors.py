@@ -4,10 +4,10 @@
 
 import platform
 
-import numba
 import pytest
 
 from snake_sim_ros.dynamics import compilation
+from snake_sim_ros.dynamics.compilation import compiled
 
 
 @pytest.fixture
@@ -22,10 +22,10 @@ def counter():
 
 @pytest.mark.skipif(not compilation.COMPILES, reason='nothing is compiled')
 def test_cycles_are_not_counted_on_other_processors(elsewhere):
-    assert numba.njit(counter)() == 0
+    assert compiled(counter)() == 0
 
 
 @pytest.mark.skipif(not compilation.COUNTS_CYCLES, reason='not an x86_64 processor')
 def test_cycles_are_counted_here():
-    count = numba.njit(counter)
+    count = compiled(counter)
     assert 0 < count() < count()

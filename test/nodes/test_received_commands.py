@@ -565,7 +565,7 @@ def test_sampling_is_compiled_once_for_commands_of_all_kinds(still):
     reference.settled(NOW + 0.1).settled(NOW + 2.0)
     reference.sample(NOW + np.arange(5.0), HORIZON, ROBOT.limits)
     for kernel in (sample_command, hold_at_limit, sample_motion):
-        assert len(kernel.signatures) == 1
+        assert len(kernel.codes) == 1
 
 
 def test_settling_changes_nothing(still):

@@ -72,7 +72,7 @@ brings_machine_code = (
 
 
 class WithMachineCode(Distribution):
-    """Makes wheels for one version of Python and one kind of processor."""
+    """Makes wheels for one kind of processor."""
 
     def has_ext_modules(self):
         """Return whether the package brings machine code."""
@@ -99,6 +99,8 @@ class BuildWithMachineCode(build_py):
 
 
 setup(
+    # Machine code has nothing of Python in it: one wheel serves 3.10 and all later versions.
+    options={'bdist_wheel': {'py_limited_api': 'cp310'}} if brings_machine_code else {},
     cmdclass={'build_py': BuildWithMachineCode},
     distclass=WithMachineCode,
     name=package_name,

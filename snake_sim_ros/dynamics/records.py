@@ -53,7 +53,7 @@ def kind_of(value: Any, words: list[Any], header: Callable[[Any], list[int]]) ->
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise TypeError(
-                f'arrays of a record must be C-contiguous, got strides {value.strides}'
+                f'arrays for machine code must be C-contiguous, got strides {value.strides}'
             )
         words.extend(header(value))
         return value.dtype, value.ndim

@@ -242,7 +242,7 @@ class JointReference:
             [rad], [rad/s]
 
         """
-        shape = (len(times), *self.stamp.shape)
+        times, shape = np.ascontiguousarray(times), (len(times), *self.stamp.shape)
         sampled = np.empty((2, len(times), self.stamp.size))
         command = self.stamp.ravel(), self.angle.ravel(), self.rate.ravel()
         sample_command(times, command, float(horizon), *sampled)

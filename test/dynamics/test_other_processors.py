@@ -6,12 +6,13 @@ import platform
 
 import pytest
 
-from snake_sim_ros.dynamics import compilation
+from snake_sim_ros.dynamics import code_cache, compilation
 from snake_sim_ros.dynamics.compilation import compiled
 
 
 @pytest.fixture
 def elsewhere(monkeypatch):
+    monkeypatch.setattr(code_cache, 'FOLDER', None)  # for code that is wrong here
     monkeypatch.setattr(compilation, 'COUNTS_CYCLES', False)
     monkeypatch.setattr(platform, 'machine', lambda: 'aarch64')
 

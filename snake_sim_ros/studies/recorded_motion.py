@@ -444,7 +444,7 @@ def _with_trajectory(
     message, begin = command.message, command.time
     places = dict(zip(robot.axis_names, robot.axis_places.tolist(), strict=True))
     known = [(places[name], k) for k, name in enumerate(message.joint_names) if name in places]
-    axes, columns = np.array(sorted(known), dtype=int).reshape(-1, 2).T
+    axes, columns = np.array(sorted(known), dtype=int).reshape(-1, 2).T.copy()
     signs = robot.place_signs
     spans = [point.time_from_start for point in message.points]
     times = begin + np.array([span.sec + 1e-9 * span.nanosec for span in spans])

@@ -67,7 +67,12 @@ BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
 # What a command with such a word in it needs, and rosdep does not install.
 OPTIONAL = {'study': 'polars', 'mcap': 'mcap_ros2', 'view': 'viser', 'mp4': 'imageio_ffmpeg'}
 # Commands that other tests run.
+SPAWN = (
+    'ros2 service call /sim/spawn_entity simulation_interfaces/srv/SpawnEntity "{name: two, '
+    'entity_resource: {uri: snake_robot}, initial_pose: {pose: {position: {y: 1.0, z: 0.0525}}}}"'
+)
 ELSEWHERE = {
+    SPAWN: 'test_simulation_interfaces.py',
     './run demo': 'test_demo.py',
     './run optimize examples/faster_sidewinding.yaml': 'test_optimization.py',
     './run record live.mcap': 'test_record.py',

@@ -135,7 +135,7 @@ setup(
         'setuptools',
         'numpy>=1.23,<3',
         'scipy>=1.9,<2',
-        'numba>=0.60,<0.69',
+        'numba>=0.60,<0.69',  # and llvmlite, which it needs, too
         'PyYAML>=5.4,<7',
         'tqdm>=4.60,<5',
     ],

@@ -10,9 +10,9 @@ finds it, and whatever is in it is up to date. What comes from another package, 
 laboratory or a user's own method, is found by the contents of that package as well. All that
 code depends on is in its path, so that there is no index of a function, as Numba has, to share.
 
-An installed package brings such a folder, SHIPPED, with what a start needs; see
-`stepping.machine_code`. It is only read. All code is for one kind of processor, PORTABLE, if this
-one is of that kind, and gives the same bits on all of them.
+An installed package brings such a folder in SHIPPED, with the machine code that a start needs;
+see `stepping.machine_code`. It is only read, and has the name of the sources alone. All code is
+for one kind of processor, PORTABLE, if this one is of that kind, and gives the same bits on all.
 """
 
 from collections.abc import Callable, Sequence

@@ -7,8 +7,8 @@ The machine code that an installed package brings, so that it starts without com
 
 compiles the loops of all methods and levels, on a flat floor and among obstacles, in a cache of
 its own, with as many processes as there are cores. What a start loads goes to a folder in FOLDER
-that has the name of the sources and the compiler; see `dynamics.code_cache`. Nothing of the
-machine goes with it. What is called by other compiled functions only stays behind: it is in them.
+that has the name of the sources; see `dynamics.code_cache`. Nothing of the machine goes with it.
+What is called by other compiled functions only stays behind: it is in them.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,7 @@ from snake_sim_ros.dynamics.code_cache import identity, is_portable, PORTABLE, S
 from snake_sim_ros.dynamics.compilation import COMPILES
 from snake_sim_ros.gaits.joint_reference import compile_sampling
 from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
+from snake_sim_ros.stepping.batch import Batch
 from snake_sim_ros.stepping.simulation import Simulation
 
 # Scenes by which compiled code differs, those that take longest first.
@@ -50,8 +51,14 @@ def scene_of(number: int) -> Scene:
 def compile_form(number: int) -> None:
     """Compile or load everything for one of FORMS."""
     Shelf.shares_work = True
-    compile_sampling(scene_of(number))
-    Simulation(scene_of(number)).compile()
+    scene = scene_of(number)
+    compile_sampling(scene)
+    simulation = Simulation(scene)
+    simulation.compile()
+    batch = Batch([simulation])
+    angle, rate = simulation.gait_reference(1)
+    for _ in range(2):  # the second step goes on in place
+        batch.advance(angle[None], rate[None])
 
 
 def keep_loaded(folder: Path) -> None:

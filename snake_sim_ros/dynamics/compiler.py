@@ -35,7 +35,7 @@ from numba.extending import models, register_model, typeof_impl
 from snake_sim_ros.dynamics import lowered_packs
 from snake_sim_ros.dynamics.code_cache import processor_name, Shelf
 from snake_sim_ros.dynamics.compilation import begin_to_compile, Dispatched, Function, Primitive
-from snake_sim_ros.dynamics.lowered_records import call_code, type_of
+from snake_sim_ros.dynamics.lowered_records import Arguments, call_code, type_of
 
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy', 'no_cfunc_wrapper': True}
 _functions: dict[Any, Function] = {}  # by what is compiled
@@ -55,7 +55,6 @@ def dispatcher_of(function: Function) -> Any:
         options: dict[str, Any] = {}
         if function.kind != 'compiled':
             options['no_cpython_wrapper'] = True
-        if function.kind in ('linked', 'inlined'):
             options['pipeline_class'] = LinkedCompiler
         if function.kind == 'inlined':
             options['forceinline'] = True
@@ -70,10 +69,12 @@ def dispatcher_of(function: Function) -> Any:
 
 def machine_code(function: Function, kinds: tuple[Any, ...]) -> bytes:
     """Return the name and the machine code of a function for some kinds, see `records`."""
-    signature = tuple(map(type_of, kinds))
-    dispatcher = dispatcher_of(function)
-    dispatcher.compile(signature)
-    found = dispatcher.overloads[signature]
+    fields = ', '.join(f'record.{name}' for name in Arguments._fields[: len(kinds)])
+    call = eval(f'lambda record: function({fields})', {'function': function})
+    call.__name__ = function.py_func.__name__
+    dispatcher = numba.njit(no_cpython_wrapper=True, **OPTIONS)(call)
+    dispatcher.compile((type_of((Arguments, *kinds)),))
+    (found,) = dispatcher.overloads.values()
     name: str = found.fndesc.llvm_func_name
     return name.encode() + b'\0' + bytes(found.library._get_compiled_object())
 

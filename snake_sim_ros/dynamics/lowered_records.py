@@ -13,7 +13,7 @@ from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, models, register_model
 from numba.np.numpy_support import from_dtype
 
-from snake_sim_ros.dynamics.records import ByAddress, RAISED, RETURNED
+from snake_sim_ros.dynamics.records import RAISED, RETURNED
 
 WORD = ir.IntType(64)
 BYTES = ir.IntType(8).as_pointer()
@@ -39,27 +39,30 @@ def _size(kind: Any) -> int:
     """Return the number of words of a field."""
     if isinstance(kind, types.Array):
         return 1 + int(kind.ndim)
+    if isinstance(kind, BaseTuple):
+        return sum(map(_size, kind.types))
     return int(getattr(kind, 'size', kind is not types.none))
 
 
 def type_of(kind: Any) -> Any:
-    """Return the type for one of the kinds of `records.kind_of`."""
-    match kind:
-        case ByAddress(record):
-            return RecordType(record[0], tuple(map(_field_type, record[1:])))
-        case str():
-            return getattr(types, kind)
-        case type(), *parts:
-            return BaseTuple.from_types(
-                tuple(map(type_of, parts)), None if kind[0] is tuple else kind[0]
-            )
-    return types.Array(from_dtype(kind[0]), kind[1], 'C')
+    """
+    Return the type for one of the kinds of `records.kind_of`.
+
+    A NamedTuple is a record by its address, and a tuple without names one of values.
+    """
+    if isinstance(kind, str):
+        return getattr(types, kind)
+    first, *rest = kind
+    if not isinstance(first, type):
+        return types.Array(from_dtype(first), rest[0], 'C')
+    kinds = tuple(map(type_of, rest))
+    return BaseTuple.from_types(kinds) if first is tuple else RecordType(first, kinds)
 
 
-def _field_type(kind: Any) -> Any:
-    """Return the type of a field: a record in a record is by its address, too."""
-    is_record = isinstance(kind, tuple) and isinstance(kind[0], type)
-    return type_of(ByAddress(kind) if is_record else kind)
+class Arguments(tuple[Any, ...]):
+    """The class of the record of all arguments of a function, in their order."""
+
+    _fields = tuple(f'argument_{k}' for k in range(20))
 
 
 register_model(RecordType)(models.OpaqueModel)
@@ -78,15 +81,29 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
 def _field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
     k = kind.instance_class._fields.index(name)
     words = builder.bitcast(address, WORD.as_pointer())
-    place = builder.gep(words, [WORD(kind.places[k])], inbounds=True)
-    field = kind.kinds[k]
-    if isinstance(field, RecordType):
-        return builder.bitcast(place, context.get_value_type(field))
-    if isinstance(field, types.Array):
-        return _array(context, builder, field, place)
-    if field is types.none:
+    return _value(context, builder, kind.kinds[k], _beyond(builder, words, kind.places[k]))
+
+
+def _beyond(builder: Any, place: Any, count: int) -> Any:
+    """Return the place of a word that comes a number of words later."""
+    return builder.gep(place, [WORD(count)], inbounds=True)
+
+
+def _value(context: Any, builder: Any, kind: Any, place: Any) -> Any:
+    """Return the value of some type whose words begin at a place."""
+    if isinstance(kind, RecordType):
+        return builder.bitcast(place, context.get_value_type(kind))
+    if isinstance(kind, types.Array):
+        return _array(context, builder, kind, place)
+    if isinstance(kind, BaseTuple):
+        parts = []
+        for part in kind.types:
+            parts.append(_value(context, builder, part, place))
+            place = _beyond(builder, place, _size(part))
+        return context.make_tuple(builder, kind, parts)
+    if kind is types.none:
         return context.get_dummy_value()
-    model = context.data_model_manager[field]
+    model = context.data_model_manager[kind]
     return model.from_data(builder, _word(builder, place, model.get_data_type()))
 
 
@@ -126,23 +143,17 @@ def _array(context: Any, builder: Any, kind: Any, place: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def call_code(typing_context: Any, code: Any, blocks: Any) -> Any:
-    """
-    Call machine code from compiled code, with the addresses of its blocks, a tuple.
-
-    It is that of a `BoundCall`. Its integer is returned, RAISED if it raised an error.
-    """
+def call_code(typing_context: Any, code: Any, address: Any) -> Any:
+    """Make a `BoundCall`, see `records.call_code`."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        parts = cgutils.unpack_tuple(builder, arguments[1])
-        kind = ir.FunctionType(ir.IntType(32), (2 + len(parts)) * [BYTES])
+        kind = ir.FunctionType(ir.IntType(32), 3 * [BYTES])
         value = cgutils.alloca_once_value(builder, WORD(0))
         raised = cgutils.alloca_once(builder, BYTES)
-        given = [builder.inttoptr(part, BYTES) for part in parts]
         places = [builder.bitcast(place, BYTES) for place in (value, raised)]
         function = builder.inttoptr(arguments[0], kind.as_pointer())
-        status = builder.call(function, [*places, *given])
+        status = builder.call(function, [*places, builder.inttoptr(arguments[1], BYTES)])
         is_end = [builder.icmp_signed('==', status, status.type(end)) for end in RETURNED]
         return builder.select(builder.or_(*is_end), builder.load(value), WORD(RAISED))
 
-    return types.int64(code, blocks), generate
+    return types.int64(code, address), generate

@@ -10,12 +10,12 @@ change as long as it lives, so that the compiler may read a word once for a whol
 the arrays may change.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import ctypes
 from functools import cache
 from importlib import import_module
 import struct
-from typing import Any, NamedTuple
+from typing import Any
 
 from llvmlite import binding
 import numpy as np
@@ -34,33 +34,31 @@ from snake_sim_ros.scene.parameters import Array
 RETURNED = 0, -2  # what machine code of Numba returns at the end: a value, or None
 RAISED = -(2**62)  # in place of the integer of a call that raised an error
 WORDS = {'float64': 'd', 'int64': 'q', 'boolean': 'q', 'none': ''}  # as of `struct`
-_nothing = ctypes.c_void_p()  # where it says what it raises
+WORD = 8  # bytes
+_raised = ctypes.c_void_p()
+NOTHING = ctypes.addressof(_raised)  # where machine code says what it raises
+Call = Callable[[int, int, Any], int]  # of addresses for value and error, and a record
+CALL: Any = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
 
 
-class ByAddress(NamedTuple):
-    """The kind of an argument that is the address of a record."""
-
-    record: Any
-
-
-def kind_of(value: Any, words: list[Any], header: Callable[[Any], list[int]]) -> Any:
+def kind_of(value: Any, words: list[Any]) -> Any:
     """
     Append the words of a value, and return what its type in compiled code is found by.
 
     It is a name for a number or None, (dtype, dimensions) for an array, and the class and the
-    kinds of the fields for a tuple. The words of an array and of None are its `header`.
+    kinds of the fields for a tuple. The words of an array are its address and its shape.
     """
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise TypeError(
                 f'arrays for machine code must be C-contiguous, got strides {value.strides}'
             )
-        words.extend(header(value))
+        words.append(address_of(value))
+        words.extend(value.shape)
         return value.dtype, value.ndim
     if isinstance(value, tuple):
-        return type(value), *[kind_of(part, words, header) for part in value]
+        return type(value), *[kind_of(part, words) for part in value]
     if value is None:
-        words.extend(header(None))
         return 'none'
     words.append(value)
     if isinstance(value, float):
@@ -69,32 +67,27 @@ def kind_of(value: Any, words: list[Any], header: Callable[[Any], list[int]]) ->
 
 
 def address_of(array: Array) -> int:
-    """Return where the numbers of an array are; `ctypes.data` takes a us."""
-    address: int = array.__array_interface__['data'][0]
-    return address
-
-
-def place_and_shape(array: Array | None) -> list[int]:
-    """Return the words of an array, or of None, in a record."""
-    return [] if array is None else [address_of(array), *array.shape]
-
-
-def whole_header(array: Array | None) -> list[int]:
-    """Return the words of an array, or of None, that is an argument of machine code of Numba."""
-    if array is None:
-        return [0]
-    owners, size = (0, 0), (array.size, array.itemsize)
-    return [*owners, *size, address_of(array), *array.shape, *array.strides]
+    """Return where the numbers of an array are."""
+    buffer: Any = array
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(buffer))  # sooner than the next
+    except (BufferError, TypeError, ValueError):  # an array that is read-only or empty
+        address: int = array.__array_interface__['data'][0]
+        return address
 
 
 @cache
-def format_of(kind: Any) -> str:
-    """Return the format, as of `struct`, of the words of a kind in a record."""
+def layout_of(kinds: tuple[Any, ...]) -> struct.Struct:
+    """Return the layout of the words of some kinds, and a last word, since there may be none."""
+    return struct.Struct(''.join(map(_format_of, kinds)) + 'q')
+
+
+def _format_of(kind: Any) -> str:
     if isinstance(kind, str):
         return WORDS[kind]
     if isinstance(kind[0], np.dtype):
         return (1 + kind[1]) * 'q'
-    return ''.join(map(format_of, kind[1:]))
+    return ''.join(map(_format_of, kind[1:]))
 
 
 def text_of(kind: Any) -> str:
@@ -113,7 +106,7 @@ def modules_of(kind: Any) -> set[str]:
 
 class Block:
     """
-    A record in memory, for compiled functions; where nothing is compiled, only the record.
+    The words of a record, for compiled functions; where nothing is compiled, only the record.
 
     Parameters
     ----------
@@ -123,22 +116,18 @@ class Block:
     Attributes
     ----------
     record : NamedTuple
-    kind : ByAddress
+    kind : tuple
         Its class and the kinds of its fields, see `kind_of`.
-    address : int
+    words : bytes
 
     """
 
     def __init__(self, record: Any) -> None:
         self.record = record
-        if not COMPILES:
-            return
-        words: list[Any] = []
-        self.kind = ByAddress(kind_of(record, words, place_and_shape))
-        # One word more: there is a record without fields, and no array of an empty buffer.
-        packed = struct.pack(format_of(self.kind.record) + 'q', *words, 0)
-        self._words = np.frombuffer(packed, np.int64)
-        self.address = address_of(self._words)
+        if COMPILES:
+            words: list[Any] = []
+            self.kind = kind_of(record, words)
+            self.words = layout_of((self.kind,)).pack(*words, 0)[:-WORD]
 
 
 class Entry(Function):
@@ -147,10 +136,9 @@ class Entry(Function):
     def __init__(self, function: Callable[..., Any], kind: str) -> None:
         super().__init__(function, kind)
         self.codes: dict[tuple[Any, ...], int] = {}  # addresses of the machine code
-        self._calls: dict[tuple[Any, ...], Callable[..., int]] = {}
-        returned = function.__annotations__.get('return')
-        self._result: Any = ctypes.c_double if returned is float else ctypes.c_int64
-        self._gives: Any = returned
+        self._calls: dict[tuple[Any, ...], tuple[struct.Struct, Call]] = {}
+        self._gives: Any = function.__annotations__.get('return')
+        self._result: Any = ctypes.c_double if self._gives is float else ctypes.c_int64
 
     def code_for(self, kinds: tuple[Any, ...]) -> int:
         """Return the address of the machine code for arguments of some kinds."""
@@ -167,12 +155,12 @@ class Entry(Function):
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code with numbers, C-contiguous arrays, and tuples of them."""
         words: list[Any] = []
-        kinds = tuple([kind_of(argument, words, whole_header) for argument in arguments])
+        kinds = tuple([kind_of(argument, words) for argument in arguments])
         if kinds not in self._calls:
-            self._calls[kinds] = as_c_function(self.code_for(kinds), words)
+            self._calls[kinds] = layout_of(kinds), CALL(self.code_for(kinds))
+        layout, call = self._calls[kinds]
         value = self._result()
-        status = self._calls[kinds](ctypes.addressof(value), ctypes.addressof(_nothing), *words)
-        check(self, status)
+        check(self, call(ctypes.addressof(value), NOTHING, layout.pack(*words, 0)))
         if self._gives is None:
             return None
         return bool(value.value) if self._gives is bool else value.value
@@ -183,15 +171,9 @@ def entry(function: F) -> F:
     Return `function` compiled for calls from Python, without Numba once its code is on disk.
 
     See `compilation.compiled`. Its arguments are numbers, C-contiguous arrays, None, and tuples of
-    these; it returns a number or nothing.
+    these; it returns a number or nothing. Machine code takes all arguments as one record.
     """
     return decorated(function, 'entry', Entry)
-
-
-def as_c_function(code: int, words: Sequence[Any]) -> Callable[..., int]:
-    """Return what calls machine code with words like these."""
-    kinds = [ctypes.c_double if isinstance(word, float) else ctypes.c_int64 for word in words]
-    return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *kinds)(code)
 
 
 def check(function: Any, status: int) -> None:
@@ -231,48 +213,48 @@ class BoundCall:
 
     Attributes
     ----------
-    code : int
-        Address of the machine code; 0 where nothing is compiled.
+    code, address : int
+        Addresses of the machine code, and of the record of all arguments; 0 where nothing is
+        compiled.
 
     """
 
-    code = 0
+    code = address = 0
 
     def __init__(self, function: Any, *blocks: Block) -> None:
         self.function, self.blocks = function, blocks
         self._value = ctypes.c_int64()
         if COMPILES:
             self.code = function.code_for(tuple(block.kind for block in blocks))
-            self._call = as_c_function(self.code, [block.address for block in blocks])
-            self._addresses = (
-                ctypes.addressof(self._value),
-                ctypes.addressof(_nothing),
-                *(block.address for block in blocks),
-            )
+            self._call = CALL(self.code)
+            # One word more: there is a record without fields.
+            words = b''.join([*(block.words for block in blocks), bytes(WORD)])
+            self._words = ctypes.create_string_buffer(words, len(words))
+            self.address = ctypes.addressof(self._words)
+            self._where = ctypes.addressof(self._value)
 
     def __call__(self) -> int:
         """Call the function; return its integer, 0 if it returns nothing."""
         if not COMPILES:
             return self.function(*(block.record for block in self.blocks)) or 0
-        check(self.function, self._call(*self._addresses))
+        check(self.function, self._call(self._where, NOTHING, self._words))
         return self._value.value
 
 
-# `call_code(code, blocks)` calls machine code from compiled code, with the addresses of its
-# blocks, a tuple. The code is that of a `BoundCall`. Its integer is returned, RAISED if it raised
-# an error.
+# `call_code(code, address)` makes a `BoundCall` from compiled code, by its addresses. The integer
+# of the function is returned, RAISED if it raised an error.
 call_code: Any = Primitive('call_code')
 
 
 @entry
 def call_each(calls: Array, rows: Array, values: Array) -> None:
     """
-    Make calls with one block each, one after the other.
+    Make calls one after the other.
 
     Parameters
     ----------
     calls : ndarray of int64, shape (m, 2)
-        Addresses of the machine code and of its block; see `BoundCall`.
+        Addresses of each `BoundCall`.
     rows : ndarray of int64, shape (k,)
         Which of them are made.
     values : ndarray of int64, shape (m,)
@@ -280,7 +262,7 @@ def call_each(calls: Array, rows: Array, values: Array) -> None:
 
     """
     for i in rows:
-        values[i] = call_code(calls[i, 0], (calls[i, 1],))
+        values[i] = call_code(calls[i, 0], calls[i, 1])
 
 
 class Loop:

@@ -29,7 +29,7 @@ class Going(NamedTuple):
     """A robot whose steps continue in place: what `go_on` takes."""
 
     code: int  # address of the machine code of its loop
-    blocks: Array  # (4,) addresses of what that takes
+    address: int  # of what that takes
     following: Next
     pause_ends: float  # as in `loops.StepsInPlace`
     dt: float  # [s]
@@ -55,8 +55,7 @@ def go_on(going: Going) -> int:
     copy_numbers(going.block, going.before)
     if begin_next(following) == 0:
         return 0
-    blocks = going.blocks
-    call_code(going.code, (blocks[0], blocks[1], blocks[2], blocks[3]))
+    call_code(going.code, going.address)
     report = following.report[0]
     if report.steps != count:
         copy_numbers(going.before, going.block)
@@ -200,14 +199,13 @@ class Batch:
         place.given_state = place.given_history = None
         place.steps.pushes.clock[0] = simulation.step_count
         going = Going(
-            place.loop.code, np.array([block.address for block in place.loop.blocks]),
-            place.following, place.pause_ends, place.dt, place.block, place.before,
-            place.applied, self.angle[i], self.rate[i], self.torque[i],
+            place.loop.code, place.loop.address, place.following, place.pause_ends, place.dt,
+            place.block, place.before, place.applied, self.angle[i], self.rate[i], self.torque[i],
             self._totals[i : i + 1], place.end.shown(place.steps, self.q[i], self.u[i]),
         )  # fmt: skip
         call = BoundCall(go_on, Block(going))
         self._in_place[i], self._goes_on[i] = (place, call), True
-        self._calls[i] = call.code, call.blocks[0].address
+        self._calls[i] = call.code, call.address
 
     def _look(self, i: int) -> None:
         """Take over state and torques of a simulation."""

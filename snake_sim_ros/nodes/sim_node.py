@@ -33,6 +33,7 @@ from snake_sim_ros.nodes.spawning import SpawnedPegs
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.obstacles import OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Scene, steps_in
 from snake_sim_ros.stepping.methods import make_stepper, what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
@@ -40,6 +41,11 @@ from snake_sim_ros.stepping.simulation import Simulation
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
 REPORT_PERIOD = 5.0  # s between two lines in the log while the node waits for the compiler
+OVERFLOW = (
+    f'links touch the world in more places than the {OF_SPHERE} contacts of a sphere and the '
+    f'{OF_CAPSULE} of a capsule: those with the smallest gaps count; /diagnostics counts such '
+    f'steps as overflows'
+)
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -202,6 +208,8 @@ class SimNode(Node):
                 f'since they share {self.settings.iteration_budget} iterations: residual '
                 f'{report.residual_max:.3g} m/s at most',
             )
+        if report.overflows:
+            self.get_logger().warning(OVERFLOW, once=True)
         if report.level != level:
             why = report.left or what_is_not_planar(simulation.scene) or 'the robot lies flat'
             self.get_logger().debug(

@@ -42,7 +42,7 @@ def _grip() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Box(CheckedRecord):
-    """A box in any orientation."""
+    """A box in any place and orientation, given by the lengths of its sides."""
 
     center: Numbers = quantity(NOWHERE, 'm', 'center of the box')
     size: Numbers = quantity((0.1, 0.1, 0.1), 'm', 'lengths of its sides', minimum=THINNEST)

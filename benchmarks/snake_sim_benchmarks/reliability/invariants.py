@@ -168,6 +168,8 @@ def of_step(
     terms = dense_terms(scene, before, torque)
     mass, W_J, gap, W, force = terms.mass, terms.W_J, terms.gap, terms.W, terms.force
     closed = np.flatnonzero(impulse.any(axis=1))
+    if scene.world and (gap[closed] > reach_of_step(_tolerance(scene), scene.dt / 2) + 1e-9).any():
+        converged = False  # rounding decides whether a place is one: others have its number
     u_A, u_E = before.u.ravel(), after.u.ravel()
     contacts = np.einsum('rkj,kj->rk', W[:, closed], impulse[closed])
     sums = np.abs(contacts / mass[:, None]).sum(axis=1)
@@ -195,7 +197,7 @@ def of_step(
     if energy > most:
         yield f'energy: {energy:.6g} J after a step, at most {most:.6g} J without contacts'
     if scene.drift_correction != 'paper':
-        tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
+        tolerance = _tolerance(scene)
         lands = bool((gap[impulse[:, 0] > 0.0] > tolerance).any())
         yield from _of_center(scene, before, after, scale, np.abs(P).sum() if lands else 0.0)
 
@@ -238,6 +240,11 @@ def projected(mass: Array, held: Array, u: Array) -> Array:
     return np.asarray((scaled - basis @ (basis.T @ scaled)) / root)
 
 
+def _tolerance(scene: Scene) -> float:
+    """Return the gap up to which a contact counts as closed [m]."""
+    return closed_gap(scene.solver.activation_tolerance, scene.dt)
+
+
 def _press(scene: Scene, impulse: Array) -> float:
     """Return the velocity at which the selection rule may press contacts in [m/s]."""
     largest = float(impulse[:, 0].max(initial=0.0))
@@ -249,7 +256,7 @@ def _of_contacts(
 ) -> Iterator[str]:
     """Check Signorini's law and the sense of friction, after a step that converged."""
     slack = _press(scene, impulse) + 10 * scene.solver.residual_tolerance + ROUNDING * scale
-    tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
+    tolerance = _tolerance(scene)
     gap, loaded = terms.gap, impulse[:, 0] > 0.0
     if (gap[loaded] > reach_of_step(tolerance, scene.dt / 2) + 1e-9).any():
         yield f'complementarity: a force at a gap of {gap[loaded].max():.3g} m'

@@ -336,6 +336,24 @@ def test_a_sphere_slides_over_seams_without_losing_speed(method):
         assert np.abs(q[:, 2] - 0.25).max() < 1e-6
 
 
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_a_ball_that_lands_in_a_shallow_groove_is_not_moved_sideways(method):
+    # It hits the right side of a groove and leaves the left one, in which it is by less in the
+    # middle of the step. To touch both, it would have to move by 1.5 mm.
+    slope, beside, speed = 0.03, 1e-3, 0.5
+    sides = []
+    for side in (-1.0, 1.0):
+        R = roll_pitch_yaw((0.0, -side * slope, 0.0))
+        center = np.array([0.0, 0.0, 0.3]) + R @ (side * 0.5, 0.0, -0.1)
+        sides.append(Box(center=center, size=(1.0, 1.0, 0.2), rpy=(0.0, -side * slope, 0.0)))
+    height = 0.3 + (RADIUS + 1e-9 + beside * math.sin(slope)) / math.cos(slope)
+    start = at((beside, 0.0, height))
+    q, u = motion(World(boxes=tuple(sides)), start, [speed, 0.0, -1.0], method, 1)
+    moved = q[0, 0] - beside - DT * (speed + u[0, 0]) / 2
+    # It is moved out along the normal by half of the way of a step.
+    assert abs(moved) < 0.6 * DT * math.sin(slope)
+
+
 @each_method
 def test_a_sphere_falls_over_an_edge_as_a_ball_on_a_point_does(method):
     # Without friction, energy is kept as long as it touches the edge and in flight.

@@ -91,7 +91,8 @@ def of_run(
         moved[..., 3:], axis=-1
     )
     way = scene.dt * float(speed.max())
-    deepest = depth + 1.5 * way + 1e-5 + 1e-6 * len(q)
+    # What a step that does not converge lets in, later ones do not undo.
+    deepest = depth + 1.5 * way * (1 + report.unconverged) + 1e-5 + 1e-6 * len(q)
     # A sphere that moves further than its radius in a step may step over the edge of a cell or
     # through a wall.
     has_walls = scene.ground.heights or scene.world

@@ -50,7 +50,7 @@ def random_case(rng: Generator, surroundings: str, method: str) -> Case:
     scene: Case = {
         'robot': _robot(rng, n),
         'friction': _friction(rng),
-        'gait': _gait(rng),
+        'gait': random_gait(rng),
         'solver': {'iteration_limit': int(rng.choice([200, 500, 5000], p=[0.3, 0.65, 0.05]))},
         'dt': _between(rng, 1e-5, float(rng.choice([2e-3, 2e-2, 0.1]))),
         'method': method,
@@ -147,7 +147,9 @@ def _friction(rng: Generator) -> Case:
     return friction
 
 
-def _gait(rng: Generator) -> Case:
+def random_gait(rng: Generator) -> Case:
+    """Return waves of yaw and pitch, or none."""
+
     def wave(amplitude: float) -> Case:
         return {
             'amplitude': _short(rng.uniform(0.0, amplitude)),
@@ -196,14 +198,18 @@ def _surroundings(rng: Generator, n: int, length: float) -> Case:
     }
 
 
-def _world(rng: Generator, n: int, length: float, method: str) -> Case:
-    """Return one to ten solids around the origin, self-contact, and a step for them."""
-    span = (0.3 * n + 1.0) * length
-    kinds = rng.choice(list(_SOLIDS), rng.integers(1, 11))
-    world: Case = {}
-    for kind in kinds.tolist():
+def random_world(rng: Generator, n: int, length: float) -> Case:
+    """Return one to ten solids around the origin, for n links of a length [m]."""
+    span, world = (0.3 * n + 1.0) * length, dict[str, Any]()
+    for kind in rng.choice(list(_SOLIDS), rng.integers(1, 11)).tolist():
         solid = _SOLIDS[kind](rng, span, length)
         world.setdefault(kind, []).append({**solid, 'grip': _between(rng, 0.2, 3.0)})
+    return world
+
+
+def _world(rng: Generator, n: int, length: float, method: str) -> Case:
+    """Return a world, self-contact, and a step for them."""
+    world = random_world(rng, n, length)
     low, high = (5e-4, 1e-2) if method == 'bdf2' else (1e-4, 2e-3)
     return {
         'world': world,

@@ -32,6 +32,7 @@ from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
 from snake_sim_ros.contact.placing import world_geometry
+from snake_sim_ros.contact.surroundings import ORDER
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_gaps,
@@ -42,7 +43,7 @@ from snake_sim_ros.dynamics.force_directions import (
     torque_directions,
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
-from snake_sim_ros.scene.obstacles import contact_friction, contact_geometry
+from snake_sim_ros.scene.obstacles import contact_friction, contact_geometry, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -50,6 +51,7 @@ from snake_sim_ros.stepping.samples import Samples
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
 FASTEST = 500.0  # steps of an explicit controller that explodes are not judged [m/s], [rad/s]
+ALIKE = 1e-6  # difference of normals, in the direction that orders them
 SIDEWAYS = 10.0  # way that closes gaps in a world, over the gaps
 UNKNOWN = 1e-5  # gap in a world that the checks do not find [m]
 CLOSED = 1e-9  # joint gaps after the drift correction, over the length of the robot
@@ -120,6 +122,7 @@ class Terms(NamedTuple):
     W: Array  # (6n, contacts, 5) directions of the contacts
     force: Array  # (6n,) impulses of gravity, gyroscopic torques and controllers
     grip: Array  # (contacts,) factor of the friction of what is touched
+    numbered: bool  # whether contacts with a world have the numbers of the step for certain
 
 
 def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
@@ -127,12 +130,13 @@ def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
     q_M = with_unit_parameters(middle_coordinates(before, scene.dt))
     R, mass = rotation_matrices(q_M[:, 3:]), np.diag(mass_matrix(scene.robot))
     W_tau, (geometry, grip) = torque_directions(scene.robot, R), _with_world(scene, q_M)
+    numbered = not scene.world or _is_numbered(scene, geometry[0], geometry[2])
     gap, *directions = scene_contacts(scene, q_M, geometry)
     parts = [part.reshape(len(mass), len(gap), -1) for part in directions]
     h = smooth_forces(scene.robot, np.array(scene.gravity), before.u)
     force = scene.dt * (h + W_tau @ torque.ravel())
     W = np.concatenate(parts, axis=2)
-    return Terms(q_M, mass, joint_directions(scene.robot, R), W_tau, gap, W, force, grip)
+    return Terms(q_M, mass, joint_directions(scene.robot, R), W_tau, gap, W, force, grip, numbered)
 
 
 def _with_world(scene: Scene, q: Array) -> tuple[tuple[Array, Array, Array], Array]:
@@ -145,6 +149,19 @@ def _with_world(scene: Scene, q: Array) -> tuple[tuple[Array, Array, Array], Arr
     for array, own in zip(geometry, of_world, strict=True):
         array[is_near] = own[is_near]
     return geometry, grip
+
+
+def _is_numbered(scene: Scene, gap: Array, frame: Array) -> bool:
+    """Return whether the normals of no shape are so similar that rounding decides their order."""
+    chain = scene.robot.chain
+    spheres, capsules = np.arange(len(chain.spheres.link)), np.arange(len(chain.capsules.link))
+    of_sphere, of_capsule = np.repeat(spheres, OF_SPHERE), np.repeat(capsules, OF_CAPSULE)
+    shape = np.concatenate([spheres, len(spheres) + of_sphere, 2 * len(spheres) + of_capsule])
+    near = np.flatnonzero(np.isfinite(gap[: len(shape)]))
+    key = frame[near, 0] @ ORDER
+    order = np.lexsort([key, shape[near]])
+    same = np.diff(shape[near][order]) == 0
+    return bool((np.diff(key[order])[same] > ALIKE).all())
 
 
 def of_step(
@@ -169,8 +186,9 @@ def of_step(
     terms = dense_terms(scene, before, torque)
     mass, W_J, gap, W, force = terms.mass, terms.W_J, terms.gap, terms.W, terms.force
     closed = np.flatnonzero(impulse.any(axis=1))
-    if scene.world and (gap[closed] > reach_of_step(_tolerance(scene), scene.dt / 2) + 1e-9).any():
-        converged = False  # rounding decides whether a place is one: others have its number
+    if scene.world:  # where rounding decides whether a place is one, others have its number
+        reach = reach_of_step(_tolerance(scene), scene.dt / 2)
+        converged &= terms.numbered and not (gap[closed] > reach + 1e-9).any()
     u_A, u_E = before.u.ravel(), after.u.ravel()
     contacts = np.einsum('rkj,kj->rk', W[:, closed], impulse[closed])
     sums = np.abs(contacts / mass[:, None]).sum(axis=1)

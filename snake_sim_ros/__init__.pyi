@@ -42,6 +42,17 @@ from snake_sim_ros.scene.parameters import (
     Solver as Solver,
     Start as Start,
 )
+from snake_sim_ros.scene.world import (
+    Box as Box,
+    EggCrate as EggCrate,
+    HeightField as HeightField,
+    Pipe as Pipe,
+    Pole as Pole,
+    Ramp as Ramp,
+    Stairs as Stairs,
+    TriangleMesh as TriangleMesh,
+    World as World,
+)
 from snake_sim_ros.stepping.base import Report as Report
 from snake_sim_ros.stepping.simulation import Simulation as Simulation
 from snake_sim_ros.stepping.state import State as State

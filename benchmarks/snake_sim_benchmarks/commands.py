@@ -400,7 +400,8 @@ def _pacing(options: argparse.Namespace) -> int:
 # ---- fuzz and soak ------------------------------------------------------------------------------
 
 
-FUZZ = ('files', 'messages', 'pages', 'states', 'physics')  # modules of the room `reliability`
+# Modules of the room `reliability`.
+FUZZ = ('files', 'messages', 'pages', 'states', 'physics', 'worlds')
 SOAK = ('steps', 'longest', 'faults')
 
 

@@ -29,20 +29,27 @@ from snake_sim_benchmarks.comparison.mujoco_runs import (
 )
 from snake_sim_benchmarks.comparison.paths import SAMPLING_PERIOD, Start
 from snake_sim_ros import (
+    Box,
+    EggCrate,
     Friction,
     Gait,
     ParameterError,
     Pegs,
+    Pipe,
+    Pole,
+    Ramp,
     Robot,
     Scene,
     Simulation,
     State,
     Wave,
+    World,
 )
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.scene.posture import initial_coordinates
 from snake_sim_ros.scene.rotations import rotation_matrices
+from snake_sim_ros.scene.surfaces import surfaces_of
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.simulation import sample
 from snake_sim_ros.stepping.state import initial_state
@@ -131,9 +138,30 @@ def test_first_friction_coefficient_is_along_the_link():
     assert data.contact.friction[:, 1] == pytest.approx(scene.friction.transversal)
 
 
+def test_worlds_have_the_same_geometry():
+    world = World(
+        boxes=(Box(center=(0.2, 3.1, 0.0), size=(0.4, 0.6, 0.2), rpy=(0.1, 0.2, 0.3)),),
+        ramps=(Ramp(start=(-2.0, 0.5, 0.0), heading=0.4),),
+        poles=(Pole(start=(1.0, 1.0, 0.1), end=(1.5, 1.2, 0.3)),),
+        egg_crates=(EggCrate(center=(0.3, -4.0), size=(1.0, 0.6)),),
+    )
+    friction = Friction(longitudinal=0.3, transversal=0.3)
+    model, data = started(Scene(world=world, friction=friction))
+    surfaces, hit = surfaces_of(world), np.zeros(1, np.int32)
+    for number, rounding in zip((0, 2, 3), (1e-9, 1e-6, 1e-6), strict=True):  # 32 bits
+        vertices, faces = surfaces[number]
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        top = np.cross(b - a, c - a)[:, 2] > 1e-9
+        for point in (0.5 * a + 0.3 * b + 0.2 * c)[top]:
+            above = np.array([*point[:2], 9.0])
+            down = mujoco.mj_ray(model, data, above, -np.eye(3)[2], None, 1, -1, hit)
+            assert abs(9.0 - down - max(point[2], 0.0)) < rounding
+
+
 @pytest.mark.parametrize(
     ('settings', 'sentence'),
     [
+        ({'world': World(pipes=(Pipe(),))}, 'worlds without pipes and meshes, of one friction'),
         ({'pegs': Pegs(x=(9.0,), y=(9.0,))}, 'flat floor .* got more'),
         ({'friction': Friction(rolling=0.1)}, r'got friction\.rolling=0\.1'),
         ({'robot': Robot(contact_offset=0.0)}, 'contact_offset must be above 0 m'),

@@ -13,6 +13,7 @@ from snake_sim_benchmarks.reliability.random_scenes import (
     random_case,
     scene_of,
     start_of,
+    WORLDS,
 )
 from snake_sim_ros import ParameterError, Robot, Scene, Simulation, State
 from snake_sim_ros.stepping.samples import make_samples
@@ -37,7 +38,7 @@ def test_a_robot_of_two_links_may_have_self_contact():
 
 
 def test_cases_are_repeatable_and_fit_into_a_file():
-    for surroundings in (FLAT, OBSTACLES):
+    for surroundings in (FLAT, OBSTACLES, WORLDS):
         for seed in range(30):
             case = random_case(np.random.default_rng(seed), surroundings, 'newton')
             again = random_case(np.random.default_rng(seed), surroundings, 'newton')
@@ -56,6 +57,18 @@ def test_random_scenes_break_nothing(method):
         judged += not outcome.diverged
     assert steps > 300
     assert judged >= 6
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_random_worlds_break_nothing(method):
+    steps = overflows = 0
+    for seed in range(8):
+        case = random_case(np.random.default_rng((99, seed)), WORLDS, method)
+        outcome = physics.judged(case)
+        assert outcome.broken == [], (seed, physics.as_text(case))
+        steps += outcome.steps
+        overflows += outcome.overflows
+    assert steps > 500 and not overflows
 
 
 CASE = {

@@ -23,6 +23,7 @@ COMMANDS = {
     'score': ('recordings', 'measure how well a robot followed a path, in a scene or recorded'),
     'plot': ('recordings', 'plot path, joint angles, torques and contact forces of a run'),
     'urdf': ('scenes', 'print the robot of a scene as a URDF'),
+    'sdf': ('scenes', 'write the world of a scene as an SDF file'),
     'demo': ('scenes', 'run a scene live: the nodes sim and gait over ROS 2'),
     'topic': ('graph', 'list, show, time and publish topics, as ros2 topic does'),
     'param': ('graph', 'list, get, set and describe parameters, as ros2 param'),

@@ -1,6 +1,6 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands on a scene: `snake-sim run`, `demo` and `urdf`."""
+"""The commands on a scene: `snake-sim run`, `demo`, `urdf` and `sdf`."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -35,6 +35,7 @@ from snake_sim_ros.recording.sensors import recorded_sensors, Sensors
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene
 from snake_sim_ros.scene.robot_description import robot_description
+from snake_sim_ros.scene.sdf import write_sdf
 from snake_sim_ros.scene.urdf_ros2_control import with_ros2_control
 from snake_sim_ros.stepping.base import Status
 from snake_sim_ros.stepping.methods import make_stepper
@@ -190,4 +191,28 @@ def _urdf(options: argparse.Namespace) -> int:
     if options.ros2_control is not None:
         text = with_ros2_control(text, robot, options.ros2_control or ['position'])
     print(text)
+    return 0
+
+
+# ---- sdf ----------------------------------------------------------------------------------------
+
+
+def add_sdf(subparsers: Any) -> None:
+    """Add the command."""
+    command = subparsers.add_parser('sdf')
+    command.set_defaults(command=_sdf)
+    command.add_argument('scene', help='YAML file, or the name of a scene in config/')
+    add_scene_options(command)
+    command.add_argument(
+        '--out', type=Path, default=Path('world.sdf'), metavar='FILE.sdf',
+        help='default: world.sdf; meshes are written beside it',
+    )  # fmt: skip
+
+
+def _sdf(options: argparse.Namespace) -> int:
+    world = scene_from(options, options.scene).world
+    if not world:
+        raise ParameterError(f'{options.scene} has no world')
+    for path in write_sdf(world, options.out):
+        print(path)
     return 0

@@ -40,6 +40,7 @@ ROUNDING = 1e-13  # of a gap [m]
 MOST_CLOSED = 1e-2  # [m]
 CLOSING_SPEED = 1.0  # [m/s]
 DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
+MOST_RELEASES = 3  # times that such a move is computed anew without contacts that it pulls
 MOST_MOVES = 2  # moves of the configuration in a step of the paper that close gaps
 GAP_GROWTH = 2.0  # of the largest gap or penetration by such a move, which is else taken back
 
@@ -195,11 +196,30 @@ def gaps_to_close(
 
 
 @inlined
+def let_go(closed: Array, contacts: Contacts) -> bool:
+    """
+    Unmark the contacts without load that a move would pull onto an obstacle; return if any are.
+
+    The contacts are those of `close_gaps`. A penetration is an inequality: such contacts open
+    as others close. To close both would take a long way sideways where normals are nearly
+    parallel.
+    """
+    solution, newton, found = contacts.solution, contacts.newton, False
+    for a in closed:
+        is_marked = newton.S_N[a] > 0.0
+        pulls = is_marked and solution.is_loaded[a] == 0 and solution.impulse[a, 0] < 0.0
+        newton.S_N[a] = 1.0 if is_marked and not pulls else 0.0
+        found = found or pulls
+    return found
+
+
+@inlined
 def close_gaps(operator: Operator, problem: Problem, h: float) -> None:
     """
     Fill the twists of the chain with those that close the end gaps of contacts in a time h [s].
 
-    The contacts are those of the closed ones whose `S_N` is 1 instead of 0.
+    The contacts are those of the closed ones whose `S_N` is 1 instead of 0. Normal impulses become
+    those of the move.
 
     Parameters
     ----------
@@ -246,7 +266,7 @@ def close_condensed(
     row = 0
     for a in closed:
         if newton.S_N[a] > 0.0:
-            column = newton.row[a]
+            column, solution.impulse[a, 0] = newton.row[a], B[row, count]
             for m in range(6 + 2 * depth[column, 0]):
                 load[m] += X[column, m] * B[row, count]
             for m in range(middle, middle + 2 * depth[column, 1]):

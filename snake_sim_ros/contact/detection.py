@@ -373,6 +373,8 @@ def fill_world_contacts(
     pose, contacts, frame = search.pose, search.found.contacts, search.found.frame
     assert frame is not None
     i, touched = ball.link, world.touched
+    if touched.left_out[0] - ball.radius <= search.tolerance:
+        touched.overflows[0] = 1
     axis = pose.R[i, 0, 2], pose.R[i, 1, 2], pose.R[i, 2, 2]
     for k in range(places):
         a, row = ball.first + k, touched.places[k]
@@ -389,6 +391,16 @@ def fill_world_contacts(
             fill_grip(search.patches, contacts, a, (center[0], center[1]), own)
             fill_contact_frame(frame[a], normal, axis)
     return count
+
+
+@inlined
+def overflow(obstacles: Obstacles | None) -> int:
+    """Return 1 if closed contacts were left out since this was asked last, else 0."""
+    if obstacles is None:
+        return 0
+    found = obstacles.world.touched.overflows[0]
+    obstacles.world.touched.overflows[0] = 0
+    return found
 
 
 @inlined

@@ -4,9 +4,10 @@
 
 import numpy as np
 
-from snake_sim_ros.contact.detection import fill_contact_frame, world_penetration
+from snake_sim_ros.contact.detection import axis_of_capsule, fill_contact_frame, world_penetration
 from snake_sim_ros.contact.shapes import Axis, minus, moved, triple
 from snake_sim_ros.contact.surroundings import (
+    depth_of_sphere,
     find_places_of_axis,
     find_places_of_sphere,
     first_of_capsule,
@@ -37,6 +38,25 @@ BESIDE = 1.3e-7, 2.1e-7  # moves points so that edges and corners are above none
 def depth_of_robot(world: Surroundings, spheres: Spheres, capsules: Capsules, q: Array) -> float:
     """Return how deep a robot is in a world [m], 0 if it is beside; q has the shape (n, 7)."""
     return world_penetration(world, spheres, capsules, q)
+
+
+@entry
+def is_pierced(world: Surroundings, capsules: Capsules, q: Array) -> bool:
+    """
+    Return whether a piece of a world goes through the axis of a capsule; q has the shape (n, 7).
+
+    Such a piece, as a thin wall between both ends, is less than half a radius from one of some
+    points of the axis that are at most a radius apart.
+    """
+    for k in range(len(capsules.link)):
+        radius, half = capsules.radius[k], capsules.half[k]
+        middle, along, _ = axis_of_capsule(capsules, q, k)
+        parts = int(2.0 * half / radius) + 1
+        for m in range(parts + 1):
+            point = moved(middle, (2.0 * m / parts - 1.0) * half, along)
+            if depth_of_sphere(world, point, 0.5 * radius) > 0.0:
+                return True
+    return False
 
 
 @entry
@@ -141,7 +161,8 @@ def lift_out_of_world(scene: Scene, q: Array) -> float:
         moving[:, 2] = q[:, 2] + lift
         depth = depth_of_robot(world, chain.spheres, chain.capsules, moving)
         if depth <= TOUCHING:
-            if not any(is_inside(mesh, centers, lift).any() for mesh in meshes):
+            is_in_mesh = any(is_inside(mesh, centers, lift).any() for mesh in meshes)
+            if not (is_in_mesh or is_pierced(world, chain.capsules, moving)):
                 return lift
             depth = max(radius / 2, LEAST_LIFT)
         lift += max(depth, LEAST_LIFT)

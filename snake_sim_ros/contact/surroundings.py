@@ -90,7 +90,8 @@ class Touched(NamedTuple):
     solid: Array  # (contacts,) number of the solid
     places: Array  # (MOST, 12) distance, normal, direction, thickness, facing, nearest point
     items: Array  # (MOST, 4) piece or ridge, kind, solid, and whether it is a contact
-    lost: Array  # (1,) how often there were more contacts than numbers
+    left_out: Array  # (1,) least distance of the places that the last search had no room for [m]
+    overflows: Array  # (1,) whether such a place was one of a closed contact, see `detection`
 
 
 class Surroundings(NamedTuple):
@@ -148,7 +149,8 @@ def make_surroundings(scene: Scene) -> Surroundings:
         touched=Touched(
             kind=kinds, spot=np.zeros((contacts, 3)), along=np.zeros((contacts, 3)),
             thickness=np.zeros(contacts), solid=kinds.copy(), places=np.zeros((MOST, 12)),
-            items=np.zeros((MOST, 4), dtype=int), lost=np.zeros(1, dtype=int),
+            items=np.zeros((MOST, 4), dtype=int), left_out=np.full(1, np.inf),
+            overflows=np.zeros(1, dtype=int),
         ),
     )  # fmt: skip
 
@@ -363,10 +365,10 @@ def note_place(touched: Touched, count: int, c: Three, near: Near, item: int, so
     """Note where a shape may touch a piece, beside `count` places before; count them."""
     places, items, k = touched.places, touched.items, count
     if count == MOST:
-        touched.lost[0] += 1
         for m in range(MOST):
             if k == MOST or places[m, 0] > places[k, 0]:
                 k = m
+        leave_out(touched, max(places[k, 0], near.distance))
         if places[k, 0] <= near.distance:
             return count
     point = moved(c, -near.distance, near.normal)
@@ -378,6 +380,12 @@ def note_place(touched: Touched, count: int, c: Three, near: Near, item: int, so
     places[k, 7], places[k, 8] = near.thickness, near.facing
     items[k, 0], items[k, 1], items[k, 2], items[k, 3] = item, near.kind, solid, 1
     return count + 1 if k == count else count
+
+
+@inlined
+def leave_out(touched: Touched, distance: float) -> None:
+    """Note that a search has no room for a place at a distance [m]."""
+    touched.left_out[0] = min(touched.left_out[0], distance)
 
 
 @inlined
@@ -473,6 +481,7 @@ def find_places_of_sphere(
 
     """
     touched, count = world.touched, 0
+    touched.left_out[0] = math.inf
     for k in range(find_near_point(world.pieces, c, radius + reach)):
         item = world.pieces.found[k]
         near = nearest_on_piece(world, item, c)
@@ -507,6 +516,8 @@ def depth_of_sphere(world: Surroundings, c: Three, radius: float) -> float:
             near.distance < nearest + SAME and abs(near.facing) > abs(facing)
         ):
             nearest, facing = near.distance, near.facing
+    if nearest > radius:  # of triangles that are farther, only some are found
+        return deepest
     return max(deepest, radius - nearest if facing >= 0.0 else radius + nearest)
 
 
@@ -617,6 +628,7 @@ def find_places_of_axis(world: Surroundings, axis: Axis, radius: float, reach: f
     Return the number of places; those with ``items[:, 3] == 1`` are contacts.
     """
     touched, count, most = world.touched, 0, radius + reach
+    touched.left_out[0] = math.inf
     edges, tips = len(world.edges), len(world.edges) + len(world.tips)
     pipes = tips + len(world.poles)
     for k in range(find_near_axis(world.ridges, axis, most)):
@@ -729,12 +741,12 @@ def number_places(touched: Touched, count: int, slots: int) -> int:
             swap_places(touched, a, kept)
             kept += 1
     while kept > slots:
-        touched.lost[0] += 1
         furthest = 0
         for a in range(1, kept):
             if places[a, 0] > places[furthest, 0]:
                 furthest = a
         kept -= 1
+        leave_out(touched, places[furthest, 0])
         swap_places(touched, furthest, kept)
     for a in range(1, kept):
         b = a

@@ -93,7 +93,9 @@ def floor_contact_velocities(robot: Robot, q: Array, u: Array) -> Array:
     )
 
 
-def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
+def scene_contacts(
+    scene: Scene, q: Array, geometry: tuple[Array, Array, Array] | None = None
+) -> tuple[Array, Array, Array, Array]:
     """
     Return gaps and generalized force directions of all contacts of a scene.
 
@@ -105,6 +107,9 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     scene : Scene
     q : ndarray, shape (n, 7)
         Link centers [m, frame I] and unit Euler parameters.
+    geometry : tuple of ndarray, optional
+        Gaps, levers and frames, as `obstacles.contact_geometry` returns them, of a scene with more
+        than a flat floor. It has none of contacts with a world: `placing.world_geometry` has.
 
     Returns
     -------
@@ -117,7 +122,7 @@ def scene_contacts(scene: Scene, q: Array) -> tuple[Array, Array, Array, Array]:
     robot, R = scene.robot, rotation_matrices(q[:, 3:])
     if obstacles.is_flat(scene):
         return posture.gaps(robot, q), *contact_directions(robot, R)
-    gap, lever, frame = obstacles.contact_geometry(scene, q)
+    gap, lever, frame = geometry or obstacles.contact_geometry(scene, q)
     (i, j), a = obstacles.contact_links(scene).T, np.arange(len(gap))
     W, rolling = np.zeros((len(gap), 3, len(R), 6)), np.zeros((len(gap), 2, len(R), 6))
     W[a, :, i] = _point_directions(R[i], lever, frame)

@@ -178,6 +178,7 @@ def values_of(simulation: Simulation) -> dict[str, object]:
         'unconverged_steps': report.unconverged,
         'penetration_max': f'{report.penetration_max:.3g}',
         'contacts': last.contacts,
+        'overflows': report.overflows,
         'saturated_joints': saturated_joints(simulation),
     }
 

@@ -16,10 +16,17 @@ from snake_sim_ros.nodes.sim_parameters import Settings
 from snake_sim_ros.nodes.sim_services import Handling
 from snake_sim_ros.nodes.state_publishers import StatePublishers
 from snake_sim_ros.nodes.trajectory_action import serve_trajectories
+from snake_sim_ros.scene.obstacles import OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Scene, steps_in
 from snake_sim_ros.stepping.methods import what_is_not_planar
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
+
+OVERFLOW = (
+    f'links touch the world in more places than the {OF_SPHERE} contacts of a sphere and the '
+    f'{OF_CAPSULE} of a capsule: those with the smallest gaps count; /diagnostics counts such '
+    f'steps as overflows'
+)
 
 
 class LiveRobot:
@@ -162,6 +169,8 @@ class LiveRobot:
                 f'{report.residual_max:.3g} m/s at most',
             )
         log = self.node.get_logger()
+        if report.overflows:
+            log.warning(OVERFLOW, once=True)
         if report.level != level:
             why = report.left or what_is_not_planar(simulation.scene) or 'the robot lies flat'
             log.debug(f'level {report.level} from t = {simulation.time:g} s on: {why}')

@@ -231,9 +231,9 @@ def extrapolated(reference: JointReference, robot: Robot, now: float, horizon: f
     age = np.minimum(now - reference.stamp, horizon)
     angle = reference.angle + age * reference.rate
     excess = robot.limits.excess(angle, angle)
-    worst = np.array([int(excess.argmax())])
-    if excess.flat[worst[0]] <= ROUNDING:
+    if excess.max(initial=0.0) <= ROUNDING:
         return ''
+    worst = np.array([int(excess.argmax())])
     (low,), (high,), _ = robot.limits_of_axes(worst)
     (reached,) = robot.place_signs[worst] * angle.flat[worst]
     return (

@@ -110,7 +110,9 @@ class Transforms:
 POINT_SIZE = 0.012  # m
 LINE_WIDTH = 0.004  # m
 PLATE = 0.002  # m, thickness of patches
-WORLD_PERIOD = 30  # messages; solids do not move, and may have many triangles
+# Solids do not move, and may have many triangles. A prime number of messages: whoever takes only
+# every so many of them gets these, too.
+WORLD_PERIOD = 29
 MARKER_PERIOD = 1 / 30  # s between two messages at least, which is enough for the eye
 COLORS = {
     'point': (1.0, 1.0, 1.0, 1.0),

@@ -10,7 +10,7 @@ Messages come up to a thousand times a second. The node looks for them thirty ti
 ten times if no browser is connected; of each topic only the last message waits.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import math
 import sys
@@ -38,6 +38,7 @@ from snake_sim_ros.nodes.viewer_path import PathDrawing
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.checked_records import CheckedRecord, ParameterError, quantity
 from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.surfaces import Surface
 from snake_sim_ros.view.frames import Frame, placed, TraceBuffer
 from snake_sim_ros.view.page import announce, Page, PLOT_PERIOD, SHOW_PERIOD
 
@@ -82,6 +83,8 @@ class ViewerNode(Node):
         self.messages = 0  # that came on the topics of a robot
         self.status: dict[str, str] = {}
         self.obstacles: list[Any] = []
+        self.world: list[Any] = []
+        self.solids: list[Surface] = []
         self.origin: float | None = None  # stamp at which time begins [s]
         self.plotted = -math.inf  # wall time [s]
         self.frame: Frame | None = None
@@ -141,7 +144,7 @@ class ViewerNode(Node):
 
     def _build(self, scene: Scene) -> None:
         self.scene = scene
-        self.page.build(scene)
+        self.page.build(scene, self.solids)
         self._begin_again()
 
     def _begin_again(self) -> None:
@@ -151,25 +154,30 @@ class ViewerNode(Node):
         self.was_watched = False
 
     def _on_description(self, _: String) -> None:
-        """Build the page again if the robot or the obstacles are others."""
+        """Forget the world, which may be that of another `sim`, and show the robot."""
+        had_solids = bool(self.solids)
+        self.world, self.solids = [], []
+        self._show_scene(is_new=had_solids)
+
+    def _show_scene(self, *, is_new: bool) -> None:
+        """Build the page again if there is something new to see, or the scene is another one."""
         markers = self.latest['markers'].markers if 'markers' in self.latest else ()
         try:
             scene = from_messages.scene_of(self.latest['robot_description'].data, markers)
         except ParameterError as error:
             self.warn('description', f'robot_description: {error}')
             return
-        if scene != self.scene:
+        if is_new or scene != self.scene:
             self._build(scene)
 
     def _on_markers(self, message: MarkerArray) -> None:
-        obstacles = [
-            (item.type, item.action, item.pose, item.scale, len(item.points), item.points[:1])
-            for item in message.markers
-            if item.ns == 'scene'
-        ]
-        if obstacles != self.obstacles and 'robot_description' in self.latest:
+        obstacles, world = looks(message.markers, 'scene'), looks(message.markers, 'world')
+        is_new = bool(world) and world != self.world  # which is in few messages
+        if is_new:
+            self.world, self.solids = world, from_messages.solids(message.markers)
+        if (is_new or obstacles != self.obstacles) and 'robot_description' in self.latest:
             self.obstacles = obstacles
-            self._on_description(self.latest['robot_description'])
+            self._show_scene(is_new=is_new)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -237,6 +245,15 @@ class ViewerNode(Node):
         if self.origin is None or not 0.0 <= stamp - self.origin < EPOCH:
             self.origin = stamp if stamp > EPOCH else 0.0
         return stamp - self.origin
+
+
+def looks(markers: Iterable[Any], namespace: str) -> list[Any]:
+    """Return what tells the markers of a namespace from others, without all of their points."""
+    return [
+        (item.type, item.action, item.pose, item.scale, len(item.points), item.points[:1])
+        for item in markers
+        if item.ns == namespace
+    ]
 
 
 def base_of(odom: Odometry) -> tuple[Array, Array]:

@@ -21,11 +21,13 @@ from snake_sim_ros.scene.parameters import Array, Ground, Pegs, Robot, Scene
 from snake_sim_ros.scene.posture import from_own_poses
 from snake_sim_ros.scene.robot_description import robot_of
 from snake_sim_ros.scene.rotations import B_TO_WIRE, product
+from snake_sim_ros.scene.surfaces import Surface
 
 # Euler parameters of B, scalar first, times this matrix are the quaternion x y z w on the wire.
 TO_WIRE = product(np.eye(4), B_TO_WIRE)[:, [1, 2, 3, 0]]
 FORCE_SCALE = 0.02  # length of the line of a force [m/N]
-CYLINDER, LINE_LIST, CUBE_LIST, SPHERE_LIST = 3, 5, 6, 7  # types of visualization_msgs/Marker
+# Types of visualization_msgs/Marker.
+CYLINDER, LINE_LIST, CUBE_LIST, SPHERE_LIST, TRIANGLE_LIST = 3, 5, 6, 7, 11
 ADD = 0  # its action
 MOST_CELLS = 1000  # of a ground, in a row and in a column
 
@@ -113,6 +115,26 @@ def scene_of(urdf: str, markers: Iterable[Any] = ()) -> Scene:
         ),
         ground=_ground(ground[-1]) if ground else Ground(),
     )
+
+
+def solids(markers: Iterable[Any]) -> list[Surface]:
+    """
+    Return the surfaces of the solids of a world, as `surfaces.surfaces_of` does.
+
+    Parameters
+    ----------
+    markers : iterable of visualization_msgs/Marker
+
+    """
+    found = []
+    for marker in markers:
+        if (marker.ns, marker.type, marker.action) == ('world', TRIANGLE_LIST, ADD):
+            points = np.array([(point.x, point.y, point.z) for point in marker.points])
+            points = points.reshape(-1, 3)[: len(points) // 3 * 3]
+            vertices, corners = np.unique(points, axis=0, return_inverse=True)
+            if len(points) and np.isfinite(points).all():
+                found.append((vertices, corners.reshape(-1, 3)))
+    return found
 
 
 def _ground(marker: Any) -> Ground:

@@ -298,6 +298,7 @@ def summary(trajectory: Trajectory) -> dict[str, Any]:
         'printed_residual_max': report.printed_residual_max,
         'fallbacks': report.fallbacks,
         'unconverged_steps': report.unconverged,
+        'overflows': report.overflows,
         'penetration_max': report.penetration_max,
         'joint_gap_max': report.joint_gap_max,
         'joint_twist_max': report.joint_twist_max,

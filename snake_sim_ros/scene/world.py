@@ -42,7 +42,7 @@ def _grip() -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Box(CheckedRecord):
-    """A box in any orientation."""
+    """A box in any place and orientation, given by the lengths of its sides."""
 
     center: Numbers = quantity(NOWHERE, 'm', 'center of the box')
     size: Numbers = quantity((0.1, 0.1, 0.1), 'm', 'lengths of its sides', minimum=THINNEST)
@@ -243,7 +243,7 @@ def _heights_of(path: Path, white: float) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mesh(CheckedRecord):
+class TriangleMesh(CheckedRecord):
     """
     A solid of triangles from a file, such as .stl or .obj; its normals point outward.
 
@@ -276,7 +276,7 @@ class World(CheckedRecord):
     pipes: tuple[Pipe, ...] = quantity((), '', 'tubes')
     height_fields: tuple[HeightField, ...] = quantity((), '', 'ground given by heights on a grid')
     egg_crates: tuple[EggCrate, ...] = quantity((), '', 'ground of waves')
-    meshes: tuple[Mesh, ...] = quantity((), '', 'solids of triangles from files')
+    meshes: tuple[TriangleMesh, ...] = quantity((), '', 'solids of triangles from files')
 
     def __bool__(self) -> bool:
         """Return whether there is any solid."""
@@ -405,7 +405,7 @@ def _ground(heights: Array, origin: Numbers, cell: float, grip: float) -> Triang
     return Triangles(np.concatenate([vertices, foot]), np.concatenate(top + walls), grip)
 
 
-def _mesh(mesh: Mesh) -> Triangles:
+def _mesh(mesh: TriangleMesh) -> Triangles:
     """Return the triangles of a file."""
     name, path = cut(mesh.file, LONGEST_PATH), Path(mesh.file)
     if not is_file(path):

@@ -58,6 +58,9 @@ class Report:
         Parts of the steps beyond one for each, where the method divides steps.
     contacts : int
         Contacts closed in the last step.
+    overflows : int
+        Steps in which a link touched a world in more places than it has contacts for, 6 a sphere
+        and 4 the interior of a capsule; those with the smallest gaps count.
     joint_torque : ndarray, shape (n-1, 2)
         Torque (yaw, pitch) of the last step [N m].
     level : str
@@ -83,6 +86,7 @@ class Report:
     joint_twist_max: float = 0.0
     further_parts: int = 0
     contacts: int = 0
+    overflows: int = 0
     joint_torque: Array = field(default_factory=lambda: np.zeros((0, 2)))
     level: str = 'spatial'
     planar_steps: int = 0
@@ -116,6 +120,7 @@ class Report:
             max(self.joint_twist_max, later.joint_twist_max),
             self.further_parts + later.further_parts,
             later.contacts,
+            self.overflows + later.overflows,
             later.joint_torque,
             later.level,
             self.planar_steps + later.planar_steps,

@@ -30,8 +30,10 @@ from snake_sim_ros.contact.closing import (
     gaps_to_close,
     keep_closed,
     left_gap,
+    let_go,
     most_closed,
     MOST_MOVES,
+    MOST_RELEASES,
     move_links,
     NONE,
     predict_gaps,
@@ -40,6 +42,7 @@ from snake_sim_ros.contact.detection import (
     find_contacts,
     Found,
     gap_at,
+    overflow,
     penetration,
     Pose,
     reach_of_step,
@@ -269,7 +272,10 @@ def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> flo
             break
         before, depth_before = worst, depth
         copy_rows(q, q_before, 7)
-        close_on_links(problem, 1.0)
+        for _ in range(MOST_RELEASES + 1):
+            close_on_links(problem, 1.0)
+            if not let_go(closed, contacts):
+                break
         move_links(work.chain.twist, work.center, q)
         close_joints(model.drift_correction, robot.places, robot.mass, work.axes.furthest, q)
         depth = penetration(model.obstacles, robot, q)
@@ -309,6 +315,7 @@ def report_end(
 
     """
     report.steps += 1
+    report.overflows += overflow(model.obstacles)
     if model.settle_steps == 0:
         return True
     rates_in_inertial_frame(work.R, u, work.omega)

@@ -41,6 +41,7 @@ class LoopReport:
     joint_twist_max: float  # [1]
     further_parts: int
     contacts: int
+    overflows: int
     failed_link: int  # link, from 1, that would turn too far; 0 for none
     failed_turn: float  # the angle by which it would [rad]
     not_planar: int  # whether the next step is not planar
@@ -224,6 +225,7 @@ def add_up(total: LoopReport, later: LoopReport) -> None:
     total.joint_twist_max = max(total.joint_twist_max, later.joint_twist_max)
     total.further_parts += later.further_parts
     total.contacts = later.contacts
+    total.overflows += later.overflows
 
 
 @inlined
@@ -231,7 +233,7 @@ def clear_report(report: LoopReport) -> None:
     """Empty a report."""
     report.steps = report.iterations = report.iterations_max = report.unconverged = 0
     report.fallbacks = report.contacts = report.failed_link = report.not_planar = 0
-    report.further_parts = 0
+    report.further_parts = report.overflows = 0
     report.residual_max = report.printed_residual_max = report.penetration_max = 0.0
     report.joint_gap_max = report.joint_twist_max = report.failed_turn = 0.0
 

@@ -8,7 +8,7 @@ and `plot` now and then. viser makes its callbacks in other threads; in these, a
 what was chosen.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from errno import EADDRINUSE
 from io import StringIO
@@ -21,6 +21,7 @@ import numpy as np
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.surfaces import Surface
 from snake_sim_ros.view.browser_guard import BrowserMessages, own_pages_only, wake_from_any_thread
 from snake_sim_ros.view.frames import at_rest, curves, floor_point, Frame, Trace, UPWARD_SCALE
 from snake_sim_ros.view.stage import Stage
@@ -117,11 +118,11 @@ class Page:
         changed, self._changed = self._changed, False
         return changed
 
-    def build(self, scene: Scene) -> None:
-        """Show the obstacles and the robot of a scene."""
+    def build(self, scene: Scene, solids: Sequence[Surface] = ()) -> None:
+        """Show the obstacles and the robot of a scene, and further solids."""
         with self._server.atomic():
             self._server.scene.reset()
-            self._stage = Stage(self._server.scene, scene)
+            self._stage = Stage(self._server.scene, scene, solids)
             along = 100 * self._stage.scale
             self._scale.content = (
                 f'**Orange**: forces along the floor, 1 N is {along:g} cm. '

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The 3-D part of the viewer: floor, obstacles, robot, contacts and paths of one scene."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 from snake_sim_ros.scene.obstacles import cell_centers, FOUNDATION, PEG_HEIGHT
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.robot_description import color_name, COLORS
-from snake_sim_ros.scene.surfaces import surfaces_of
+from snake_sim_ros.scene.surfaces import Surface, surfaces_of
 from snake_sim_ros.view.frames import (
     arrows,
     bodies_of,
@@ -41,10 +42,12 @@ class Stage:
     canvas : Any
         A `viser.SceneApi`.
     scene : Scene
+    solids : sequence of Surface, optional
+        Further ones, besides those of the world of the scene.
 
     """
 
-    def __init__(self, canvas: Any, scene: Scene) -> None:
+    def __init__(self, canvas: Any, scene: Scene, solids: Sequence[Surface] = ()) -> None:
         self.canvas, self.robot = canvas, scene.robot
         self.scale = force_scale(scene.robot)
         self.size = max(float(scene.robot.per_link('contact_radius').max()), 0.01)
@@ -52,7 +55,7 @@ class Stage:
         self._add_lights()
         self.root = canvas.add_frame('/world', show_axes=False)
         self._add_floor()
-        self._add_obstacles(scene)
+        self._add_obstacles(scene, [*surfaces_of(scene.world), *solids])
         self._add_links()
         none, width = np.zeros((0, 2, 3)), PATH_RADIUS * self.size
         thick = {'shaft_radius': width, 'head_radius': 2.5 * width, 'head_length': 5 * width}
@@ -127,14 +130,14 @@ class Stage:
             fade_distance=25.0,
         )
 
-    def _add_obstacles(self, scene: Scene) -> None:
+    def _add_obstacles(self, scene: Scene, solids: Sequence[Surface]) -> None:
         height = PEG_HEIGHT * self.size
         for k, (x, y, radius) in enumerate(scene.pegs.axes):
             place = (float(x), float(y), height / 2)
             self.canvas.add_cylinder(
                 f'/world/pegs/{k}', float(radius), height, color=PEG, position=place
             )
-        for k, (vertices, faces) in enumerate(surfaces_of(scene.world)):
+        for k, (vertices, faces) in enumerate(solids):
             self.canvas.add_mesh_simple(
                 f'/world/solids/{k}', vertices, faces, color=GROUND, flat_shading=True
             )

@@ -15,7 +15,9 @@ import pytest
 
 import snake_sim_ros
 from snake_sim_ros import (
+    Box,
     Gait,
+    HeightField,
     load_scene,
     ParameterError,
     read_run,
@@ -26,6 +28,7 @@ from snake_sim_ros import (
     Table,
     table_of,
     Wave,
+    World,
 )
 from snake_sim_ros.commands import main as cli
 from snake_sim_ros.commands.main import COMMANDS
@@ -328,6 +331,22 @@ def test_errors_say_what_is_wrong_in_one_sentence(function, sentence):
         function()
     assert str(caught.value).startswith(sentence)
     assert '\n' not in str(caught.value)
+
+
+# ---- worlds ----
+
+
+def test_a_world_is_built_of_lists_and_arrays():
+    field = HeightField(heights=np.full((3, 4), 0.02), cell=0.5, origin=np.array([-1.0, 2.0]))
+    world = World(boxes=[Box(center=(1.0, 0.0, 0.1), grip=2.0)], height_fields=[field])
+    as_mapping = {
+        'boxes': [{'center': [1.0, 0.0, 0.1], 'grip': 2.0}],
+        'height_fields': [{'heights': [[0.02] * 4] * 3, 'cell': 0.5, 'origin': [-1.0, 2.0]}],
+    }
+    scene = load_scene(SCENE, world=world)
+    assert scene == load_scene(SCENE, world=as_mapping) and scene.world == world
+    found = run(scene, duration=0.01, accuracy=0)
+    assert found.report.overflows == 0 and found.scene.world == world
 
 
 # ---- the page and the examples ------------------------------------------------------------------

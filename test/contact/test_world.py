@@ -10,7 +10,7 @@ from obstacle_scenes import each_method
 import pytest
 
 from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Start
-from snake_sim_ros.contact.placing import depth_of_robot, world_geometry
+from snake_sim_ros.contact.placing import depth_of_robot, lift_out_of_world, world_geometry
 from snake_sim_ros.contact.surroundings import make_surroundings, NEARBY
 from snake_sim_ros.scene.chain import roll_pitch_yaw
 from snake_sim_ros.scene.obstacles import contact_count, first_peg, OF_CAPSULE, OF_SPHERE
@@ -26,12 +26,12 @@ from snake_sim_ros.scene.world import (
     Box,
     EggCrate,
     HeightField,
-    Mesh,
     Pipe,
     Pole,
     Ramp,
     solids_of,
     Stairs,
+    TriangleMesh,
     World,
 )
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
@@ -251,6 +251,15 @@ def test_nothing_is_touched_from_behind():
     assert np.allclose(normal, [[0.0, 0.0, 1.0]]) and abs(gap[0] + RADIUS + 1e-3) < ROUNDING
 
 
+def test_a_ball_beside_a_solid_is_not_in_it():
+    # The triangles of its far side have bounds that the ball is in, and those of the near side
+    # are farther than a radius.
+    thin = World(ramps=(Ramp(run=1.0, rise=0.5, width=1.0, start=(0.0, 0.0, 0.0), heading=0.5),))
+    for point in np.random.default_rng(4).uniform((-0.5, -1.0, RADIUS), (1.5, 1.0, 0.8), (300, 3)):
+        gap, _ = touching(thin, point)
+        assert depth(thin, point) == pytest.approx(max(0.0, -min(gap, default=0.0)), abs=1e-12)
+
+
 def test_a_capsule_has_few_contacts():
     up = [0.0, 0.0, 1.0]
     # Across a box that is shorter: on two edges, also when it is tilted a little.
@@ -297,6 +306,22 @@ def test_a_capsule_meets_edges_corners_and_poles_between_its_ends():
     assert len(gap) == 1 and abs(gap[0]) < ROUNDING and np.allclose(normal, [[0, 0, 1]])
 
 
+@each_method
+@pytest.mark.parametrize('poles', [OF_SPHERE, OF_SPHERE + 1])
+def test_contacts_without_a_number_are_counted(method, poles):
+    # A ball in the air that upright poles all around it touch.
+    reach, turns = RADIUS + 0.01, np.linspace(0.0, 2.0 * math.pi, poles, endpoint=False)
+    feet = [(reach * math.cos(turn), reach * math.sin(turn)) for turn in turns]
+    cage = World(
+        poles=tuple(Pole(start=(x, y, 0.1), end=(x, y, 2.0), radius=0.01) for x, y in feet)
+    )
+    simulation = Simulation(scene_of(cage, method=method))
+    simulation.state = State(at((0.0, 0.0, 1.0)), np.zeros((1, 6)))
+    report = simulation.advance(*simulation.gait_reference(3))
+    assert report.overflows == (3 if poles > OF_SPHERE else 0)
+    assert simulation.report.overflows == report.overflows
+
+
 # ---- motion -------------------------------------------------------------------------------------
 
 
@@ -309,6 +334,24 @@ def test_a_sphere_slides_over_seams_without_losing_speed(method):
         q, u = motion(world, at((0.3, 0.1, 0.25)), MOVES, method, 400)
         assert np.abs(u[:, :2] - MOVES[:2]).max() < 1e-9
         assert np.abs(q[:, 2] - 0.25).max() < 1e-6
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_a_ball_that_lands_in_a_shallow_groove_is_not_moved_sideways(method):
+    # It hits the right side of a groove and leaves the left one, in which it is by less in the
+    # middle of the step. To touch both, it would have to move by 1.5 mm.
+    slope, beside, speed = 0.03, 1e-3, 0.5
+    sides = []
+    for side in (-1.0, 1.0):
+        R = roll_pitch_yaw((0.0, -side * slope, 0.0))
+        center = np.array([0.0, 0.0, 0.3]) + R @ (side * 0.5, 0.0, -0.1)
+        sides.append(Box(center=center, size=(1.0, 1.0, 0.2), rpy=(0.0, -side * slope, 0.0)))
+    height = 0.3 + (RADIUS + 1e-9 + beside * math.sin(slope)) / math.cos(slope)
+    start = at((beside, 0.0, height))
+    q, u = motion(World(boxes=tuple(sides)), start, [speed, 0.0, -1.0], method, 1)
+    moved = q[0, 0] - beside - DT * (speed + u[0, 0]) / 2
+    # It is moved out along the normal by half of the way of a step.
+    assert abs(moved) < 0.6 * DT * math.sin(slope)
 
 
 @each_method
@@ -376,6 +419,20 @@ def test_robots_start_beside_all_solids():
         assert abs(initial_state(above).q[0, 2] - q[0, 2] - 0.2) < ROUNDING
 
 
+@pytest.mark.parametrize(
+    ('wall', 'top'),
+    [
+        (World(boxes=(Box(center=(0.0, 0.0, 0.1), size=(0.001, 2.0, 0.4)),)), 0.3),
+        (World(ramps=(Ramp(start=(-0.005, 0.0, 0.0), run=0.01, rise=0.3, width=2.0),)), 0.3),
+        (World(pipes=(Pipe(start=(0, -1, 0), end=(0, 1, 0), radius=0.101, inner=0.1),)), 0.101),
+    ],
+)
+def test_no_wall_goes_through_a_link_at_its_start(wall, top):
+    # A rod along x at z = RADIUS, both ends of which are far from the wall, is lifted onto it.
+    lift = lift_out_of_world(scene_of(wall, ROD), at((0.0, 0.0, RADIUS)))
+    assert lift == pytest.approx(top, abs=1e-7)
+
+
 def test_a_robot_starts_inside_of_a_pipe_not_on_it():
     pipe = Pipe(start=(-2.0, 0.0, 0.2), end=(2.0, 0.0, 0.2), radius=0.2, inner=0.18)
     q = initial_state(Scene(world=World(pipes=(pipe,)), start=Start(yaw=0.0))).q
@@ -430,7 +487,7 @@ def test_meshes_are_read_from_files(tmp_path):
     box.apply_translation((0.0, 0.0, 0.1))
     for name in ('box.stl', 'box.obj'):
         box.export(tmp_path / name)
-        world = World(meshes=(Mesh(file=str(tmp_path / name)),))
+        world = World(meshes=(TriangleMesh(file=str(tmp_path / name)),))
         for center, along, robot in (
             ((0.2, 0.1, 0.25), (1, 0, 0), BALL),
             ((0.52, 0.1, 0.23), (1, 0, 0), BALL),
@@ -454,8 +511,8 @@ def test_meshes_are_read_from_files(tmp_path):
         (lambda: HeightField(heights=((0.0, -1.0),) * 2), 'heights must be at least 0 m, got -1'),
         (lambda: HeightField(file='a.tif'), "file must end in .npz or .png, got a.tif"),
         (lambda: HeightField(file='no.npz').points(), 'no.npz: '),
-        (lambda: Mesh(), 'file must be that of a mesh, got none'),
-        (lambda: solids_of(World(meshes=(Mesh(file='no.stl'),))), 'no file no.stl'),
+        (lambda: TriangleMesh(), 'file must be that of a mesh, got none'),
+        (lambda: solids_of(World(meshes=(TriangleMesh(file='no.stl'),))), 'no file no.stl'),
         (lambda: EggCrate(size=(900.0, 900.0), cell=0.001), 'an egg crate must have at most'),
         (lambda: with_settings(Scene(world=BLOCK), {'ground.heights': ((0.1,),)}),
          'ground.heights must be empty in a scene with a world'),

@@ -60,7 +60,13 @@ from oracle.contact_laws import (
 from oracle.joint_laws import dense_laws, DenseLaws, solve_laws_of_axes
 from oracle.pushes import generalized, not_pushed, Pushed, stretches_of
 from snake_sim_ros import Robot, Scene, State
-from snake_sim_ros.contact.closing import closed_gap, COMPLIANCE, left_gap, most_closed
+from snake_sim_ros.contact.closing import (
+    closed_gap,
+    COMPLIANCE,
+    left_gap,
+    most_closed,
+    MOST_RELEASES,
+)
 from snake_sim_ros.contact.detection import LANDING_SPEED
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS, LEAST_COMPLIANCE
 from snake_sim_ros.dynamics.force_directions import (
@@ -409,19 +415,33 @@ def end_gaps(contacts: Contacts, u_E: Array, h_q: float) -> Array:
 
 
 def closing_velocities(
-    scene: Scene, terms: Balance, W_N: Array, gap: Array, h_q: float, few: bool
-) -> Array:
+    scene: Scene, terms: Balance, contacts: Contacts, closes: Array, gap: Array, h_q: float,
+    few: bool,
+) -> Array:  # fmt: skip
     """
-    Return the velocities (n, 6) that close gaps (k,) within a time h_q, eq. (x).
+    Return the velocities (n, 6) that close gaps (k,) of a mask within a time h_q, eq. (x).
 
-    Normal directions W_N (6n, k) may depend on each other: a little compliance leaves the smallest
-    impulses. The compiled step has one for few contacts and one for many.
+    Contacts without load that they would pull are left out. Normal directions W_N may depend on
+    each other: a little compliance leaves the smallest impulses. The compiled step has one for few
+    contacts and one for many.
     """
+    for _ in range(MOST_RELEASES + 1):
+        u, nu = _closing(scene, terms, contacts.W[:, closes, 0], gap[closes], h_q, few)
+        pulls = np.zeros_like(closes)
+        pulls[closes] = nu < 0.0
+        closes = closes & (contacts.loaded | ~pulls)
+    return u
+
+
+def _closing(
+    scene: Scene, terms: Balance, W_N: Array, gap: Array, h_q: float, few: bool
+) -> tuple[Array, Array]:
+    """Return the velocities (n, 6) that close gaps (k,), and their impulses."""
     response = terms.velocities(W_N)
     G = W_N.T @ response
     little = COMPLIANCE * np.diag(G) if few else PROXIMAL * mean_delassus(scene.robot)
     nu = np.linalg.solve(G + little * np.eye(len(gap)), -gap / h_q)
-    return np.asarray(response @ nu).reshape(-1, 6)
+    return np.asarray(response @ nu).reshape(-1, 6), nu
 
 
 def placed(
@@ -442,8 +462,7 @@ def placed(
         gap = gap - start_gap
         closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | contacts.loaded)
         if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > left:
-            W_N = contacts.W[:, closes, 0]
-            u = u + closing_velocities(scene, dynamics, W_N, gap[closes], terms.h_q, few)
+            u = u + closing_velocities(scene, dynamics, contacts, closes, gap, terms.h_q, few)
         elif attempt > 0:
             break
         rate = (W_tau.T @ u.ravel()).reshape(-1, 2)

@@ -9,7 +9,14 @@ import numpy as np
 
 from oracle.joint_drift import without_drift
 from snake_sim_ros import Scene
-from snake_sim_ros.contact.closing import closed_gap, GAP_GROWTH, left_gap, most_closed, MOST_MOVES
+from snake_sim_ros.contact.closing import (
+    closed_gap,
+    GAP_GROWTH,
+    left_gap,
+    most_closed,
+    MOST_MOVES,
+    MOST_RELEASES,
+)
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import product
@@ -24,14 +31,27 @@ class Closing(NamedTuple):
     R: Array  # (n, 3, 3) link frames in I
     compliance: float  # [1/kg]
 
-    def moves(self, closes: Array, gap: Array) -> tuple[Array, Array]:
-        """Return the moves (n, 3) [m] and turns in I (n, 3) [rad] that close gaps of a mask."""
+    def moves(self, closes: Array, gap: Array, loaded: Array) -> tuple[Array, Array]:
+        """
+        Return the moves (n, 3) [m] and turns in I (n, 3) [rad] that close gaps of a mask.
+
+        Contacts without load that they would pull are left out.
+        """
+        for _ in range(MOST_RELEASES + 1):
+            move, P = self._move(closes, gap)
+            pulls = np.zeros_like(closes)
+            pulls[closes] = P < 0.0
+            closes = closes & (loaded | ~pulls)
+        return move[:, :3], np.einsum('ijk,ik->ij', self.R, move[:, 3:])
+
+    def _move(self, closes: Array, gap: Array) -> tuple[Array, Array]:
+        """Return the moves (n, 6) that close gaps, and their impulses."""
         response = self.M_inv @ self.W_N[:, closes]
         P_J = np.linalg.solve(self.W_J.T @ self.M_inv @ self.W_J, -self.W_J.T @ response)
         response += self.M_inv @ self.W_J @ P_J
         G = self.W_N[:, closes].T @ response + self.compliance * np.eye(closes.sum())
-        move = (response @ np.linalg.solve(G, -gap[closes])).reshape(-1, 6)
-        return move[:, :3], np.einsum('ijk,ik->ij', self.R, move[:, 3:])
+        P = np.linalg.solve(G, -gap[closes])
+        return (response @ P).reshape(-1, 6), P
 
 
 def with_closed_gaps(
@@ -70,7 +90,7 @@ def with_closed_gaps(
         if move_number == MOST_MOVES or not to_close > left_gap(closed):
             break
         before, q_before = worst, q.copy()
-        move, turn = closing.moves(closes, gap)
+        move, turn = closing.moves(closes, gap, loaded)
         p = np.hstack([np.ones((len(q), 1)), turn / 2])
         q[:, :3] += move
         q[:, 3:] = product(p / np.linalg.norm(p, axis=1, keepdims=True), q[:, 3:])

@@ -6,10 +6,11 @@ from dataclasses import replace
 import re
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseArray
+from geometry_msgs.msg import Point, PoseArray
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import Marker
 
 from snake_sim_ros import ParameterError, Robot, Scene
 from snake_sim_ros.nodes.state_messages import StateMessages
@@ -17,6 +18,8 @@ from snake_sim_ros.nodes.state_publishers import SceneMarkers
 from snake_sim_ros.recording import from_messages
 from snake_sim_ros.scene.parameters import load_scene
 from snake_sim_ros.scene.robot_description import robot_description, robot_of
+from snake_sim_ros.scene.surfaces import surfaces_of
+from snake_sim_ros.scene.world import Box, Pipe, Ramp, World
 from snake_sim_ros.stepping.state import initial_state
 
 pytestmark = pytest.mark.fast
@@ -114,6 +117,22 @@ def test_scene_of_its_markers(name):
     if scene.ground.heights:
         assert found.ground.origin == pytest.approx(scene.ground.origin, abs=1e-14)
         assert found.ground.cell == scene.ground.cell
+
+
+def test_solids_of_markers():
+    world = World(boxes=(Box(),), pipes=(Pipe(),), ramps=(Ramp(heading=0.5),))
+    markers = SceneMarkers(Scene(world=world))
+    markers.fill(Time(), *np.zeros((2, 0, 3)))
+    found = from_messages.solids(markers.message.markers)
+    for (vertices, faces), (points, corners) in zip(surfaces_of(world), found, strict=True):
+        assert (points[corners] == vertices[faces]).all()
+        assert len(points) == len(vertices)
+    # What is no triangle is left out, and so is what is nowhere.
+    broken = Marker(ns='world', type=Marker.TRIANGLE_LIST)
+    broken.points = [Point(x=float(k)) for k in range(4)]
+    assert [len(faces) for _, faces in from_messages.solids([broken])] == [1]
+    broken.points[0].x = np.nan
+    assert not from_messages.solids([broken, Marker(ns='world', type=Marker.TRIANGLE_LIST)])
 
 
 def test_contacts_of_markers():

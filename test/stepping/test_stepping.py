@@ -117,17 +117,18 @@ def test_reports_add_up():
     first = Report(
         steps=2, iterations=30, iterations_max=20, unconverged=1, fallbacks=4, residual_max=1e-6,
         printed_residual_max=2e-6, penetration_max=2e-5, joint_gap_max=1e-9, joint_twist_max=4e-9,
-        further_parts=4, contacts=22, joint_torque=np.ones((1, 2)),
+        further_parts=4, contacts=22, overflows=1, joint_torque=np.ones((1, 2)),
     )  # fmt: skip
     later = Report(
         steps=3, iterations=12, iterations_max=5, unconverged=0, fallbacks=1, residual_max=3e-6,
         printed_residual_max=1e-6, penetration_max=1e-5, joint_gap_max=2e-9, joint_twist_max=1e-9,
-        further_parts=2, contacts=20, joint_torque=np.zeros((1, 2)),
+        further_parts=2, contacts=20, overflows=2, joint_torque=np.zeros((1, 2)),
     )  # fmt: skip
     total = first + later
     # Counters are summed, largest values kept, contacts and torques are those of the last step.
     assert (total.steps, total.iterations, total.iterations_max) == (5, 42, 20)
     assert (total.unconverged, total.fallbacks, total.contacts) == (1, 5, 20)
+    assert total.overflows == 3
     assert (total.further_parts, total.parts) == (6, 11)
     assert (total.residual_max, total.penetration_max) == (3e-6, 2e-5)
     assert total.printed_residual_max == 2e-6

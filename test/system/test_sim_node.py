@@ -362,6 +362,22 @@ def test_steps_that_a_budget_cuts_are_told_and_counted(make_graph):
     assert 'Traceback' not in sim.process.output
 
 
+def test_contacts_beyond_those_of_a_link_are_told_once_and_counted(make_graph, tmp_path):
+    # A ball that seven upright poles around it nearly touch, of which six have a contact.
+    angle, reach = 2.0 * np.pi * np.arange(7) / 7, 0.06 + 1e-9
+    poles = ''.join(
+        f'    - {{start: [{x}, {y}, 0.01], end: [{x}, {y}, 1.0], radius: 0.01}}\n'
+        for x, y in zip(reach * np.cos(angle), reach * np.sin(angle), strict=True)
+    )
+    ball = 'robot: {link_count: 1, contact_radius: 0.05, contact_offset: 0.0}\n'
+    (tmp_path / 'cage.yaml').write_text(f'{ball}world:\n  poles:\n{poles}', encoding='utf-8')
+    sim = SimClient(make_graph(), f'scene:={tmp_path / "cage.yaml"}')
+    told = 'links touch the world in more places than the 6 contacts of a sphere'
+    sim.process.wait_for(told)
+    assert int(sim.values()['overflows']) > 0
+    assert sim.process.count(told) == 1
+
+
 def test_node_ends_well_on_sigterm_while_it_starts():
     process = Process(node_command('sim'), next_domain())
     process.wait_for('tf2_msgs')  # what it says first, while it is being made

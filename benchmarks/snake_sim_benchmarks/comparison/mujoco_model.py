@@ -12,7 +12,7 @@ found by hand, and those of a search.
 MuJoCo is an optional dependency and is imported only when a function needs it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -22,8 +22,10 @@ from snake_sim_ros import ParameterError, Robot, Scene
 from snake_sim_ros.scene import obstacles
 from snake_sim_ros.scene.checked_records import CheckedRecord, quantity
 from snake_sim_ros.scene.parameters import Array
-from snake_sim_ros.scene.posture import initial_coordinates, joint_angles
+from snake_sim_ros.scene.posture import joint_angles
 from snake_sim_ros.scene.robot_description import element
+from snake_sim_ros.scene.world import FOUNDATION, solids_of, World
+from snake_sim_ros.stepping.state import initial_state
 
 # ---- contacts and solver settings ---------------------------------------------------------------
 
@@ -263,7 +265,7 @@ def tree_order(link_count: int) -> tuple[Array, Array]:
 
 def mjcf(scene: Scene, settings: MujocoSettings) -> str:
     """
-    Return the robot of a scene on its floor as an MJCF model, with the start as its key frame.
+    Return the robot of a scene, floor and world as an MJCF model, the start as its key frame.
 
     Bodies have the frames B of the links, in the order of `tree_order`. The hinges of a joint are
     yaw and pitch as in `posture.joint_angles`: about e_y of a link, then about e_x of the next
@@ -274,8 +276,8 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
     Raises
     ------
     ParameterError
-        If there are obstacles on the floor, if there is rolling friction, which MuJoCo measures
-        in other units, or if a link has no contact radius.
+        If there are other obstacles, or solids that MuJoCo has not as they are; if there is
+        rolling friction, which MuJoCo measures in other units; or if a link has no contact radius.
 
     """
     _refuse_what_mujoco_has_not(scene)
@@ -291,8 +293,9 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
     pair = contacts.pair(scene.dt, shortest)
     world = element(root, 'worldbody')
     element(world, 'geom', name='floor', type='plane', size=(0, 0, 1), contype=0, conaffinity=0)
+    touched = {'floor': 1.0, **_add_solids(root, world, scene.world)}
     contact, actuator = element(root, 'contact'), element(root, 'actuator')
-    q, (links, axes) = initial_coordinates(scene), tree_order(scene.robot.link_count)
+    q, (links, axes) = initial_state(scene).q, tree_order(scene.robot.link_count)
     middle, bodies = links[0], dict[int, ElementTree.Element]()
     for i in links:
         if i == middle:
@@ -303,27 +306,66 @@ def mjcf(scene: Scene, settings: MujocoSettings) -> str:
             body = _jointed_body(bodies[parent], actuator, scene, settings.drive, i, parent)
         bodies[i] = body
         _add_link(body, scene.robot, i)
-        element(contact, 'pair', geom1='floor', geom2=f'link{i}', condim=3,
-                 friction=(scene.friction.longitudinal, scene.friction.transversal),
-                 **pair)  # fmt: skip
+        for name, grip in touched.items():
+            friction = np.array([scene.friction.longitudinal, scene.friction.transversal])
+            element(contact, 'pair', geom1=name, geom2=f'link{i}', condim=3,
+                    friction=grip * friction, **pair)  # fmt: skip
     start = np.concatenate([q[middle], joint_angles(q).ravel()[axes]])
     element(element(root, 'keyframe'), 'key', name='start', qpos=start)
     return ElementTree.tostring(root, encoding='unicode')
 
 
 def _refuse_what_mujoco_has_not(scene: Scene) -> None:
-    """Raise an error for a scene with more than a flat floor, or with links that are points."""
-    if not obstacles.is_flat(scene) or scene.friction.rolling:
-        got = (
-            f'friction.rolling={scene.friction.rolling:g}' if obstacles.is_flat(scene) else 'more'
-        )
+    """
+    Raise an error for a scene with more than a flat floor and a world, or links that are points.
+
+    On solids MuJoCo puts the first tangent of a contact anywhere, and it has no pipes.
+    """
+    world, friction = scene.world, scene.friction
+    is_flat = obstacles.is_flat(replace(scene, world=World()))
+    if not is_flat or friction.rolling:
+        got = f'friction.rolling={friction.rolling:g}' if is_flat else 'more'
         raise ParameterError(f'MuJoCo gets a flat floor without rolling friction only, got {got}')
+    if world and (friction.longitudinal != friction.transversal or world.pipes or world.meshes):
+        raise ParameterError('MuJoCo gets worlds without pipes and meshes, of one friction, only')
     radius, offset = (scene.robot.per_link(name) for name in ('contact_radius', 'contact_offset'))
     if not min(radius.min(), offset.min()) > 0:
         raise ParameterError(
             f'contact_radius and contact_offset must be above 0 m for MuJoCo, got '
             f'{radius.min():g} m and {offset.min():g} m'
         )
+
+
+def _add_solids(
+    root: ElementTree.Element, parent: ElementTree.Element, world: World
+) -> dict[str, float]:
+    """Append the solids of a world; return their names and factors of friction."""
+    solids, found, asset = solids_of(world), dict[str, float](), element(root, 'asset')
+
+    def add(name: str, grip: float, **shape: Any) -> None:
+        element(parent, 'geom', name=name, contype=0, conaffinity=0, **shape)
+        found[name] = float(grip)
+
+    for k, (center, half, axes, grip) in enumerate(zip(*solids[:4], strict=True)):
+        add(f'box{k}', grip, type='box', pos=center, size=half, xyaxes=axes[:2].ravel())
+    for k, (*ends, radius, grip) in enumerate(solids.poles):
+        add(f'pole{k}', grip, type='capsule', fromto=ends, size=radius)
+    for k, mesh in enumerate(solids.meshes[: len(world.ramps)]):
+        element(asset, 'mesh', name=f'ramp{k}', vertex=mesh.vertices.ravel())
+        add(f'ramp{k}', mesh.grip, type='mesh', mesh=f'ramp{k}')
+    for k, mesh in enumerate(solids.meshes[len(world.ramps) :]):
+        columns = int(np.flatnonzero(np.diff(mesh.vertices[:, 1]))[0]) + 1
+        grid = mesh.vertices[mesh.vertices[:, 2] >= 0.0]
+        grid = grid[: len(grid) // columns * columns].reshape(-1, columns, 3)
+        (low, high), heights = (grid[0, 0], grid[-1, -1]), grid[..., 2]
+        # MuJoCo has the last row first, and scales heights to 0 to 1.
+        element(asset, 'hfield', name=f'field{k}', nrow=len(grid), ncol=columns,
+                elevation=heights[::-1].ravel(),
+                size=(*(high - low)[:2] / 2, np.ptp(heights), FOUNDATION))  # fmt: skip
+        middle = (low + high)[:2] / 2
+        add(f'field{k}', mesh.grip, type='hfield', hfield=f'field{k}',
+            pos=(*middle, heights.min()))  # fmt: skip
+    return found
 
 
 def _add_link(body: ElementTree.Element, robot: Robot, i: int) -> None:

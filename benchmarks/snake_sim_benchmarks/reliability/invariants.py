@@ -31,18 +31,19 @@ from snake_sim_benchmarks.energy import mechanical_energy
 from snake_sim_ros import Report, Scene, State
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
+from snake_sim_ros.contact.placing import world_geometry
+from snake_sim_ros.contact.surroundings import ORDER
 from snake_sim_ros.dynamics.force_directions import (
     joint_directions,
     joint_gaps,
     mass_matrix,
     mean_delassus,
     scene_contacts,
-    scene_gaps,
     smooth_forces,
     torque_directions,
 )
 from snake_sim_ros.dynamics.joint_laws import make_joint_laws
-from snake_sim_ros.scene.obstacles import contact_friction
+from snake_sim_ros.scene.obstacles import contact_friction, contact_geometry, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import center_of_mass, joint_angles
 from snake_sim_ros.scene.rotations import rotation_matrices
@@ -50,6 +51,9 @@ from snake_sim_ros.stepping.samples import Samples
 
 ROUNDING = 1e-7  # of the largest velocity that a step deals with
 FASTEST = 500.0  # steps of an explicit controller that explodes are not judged [m/s], [rad/s]
+ALIKE = 1e-6  # difference of normals, in the direction that orders them
+SIDEWAYS = 10.0  # way that closes gaps in a world, over the gaps
+UNKNOWN = 1e-5  # gap in a world that the checks do not find [m]
 CLOSED = 1e-9  # joint gaps after the drift correction, over the length of the robot
 
 
@@ -89,9 +93,12 @@ def of_run(
         moved[..., 3:], axis=-1
     )
     way = scene.dt * float(speed.max())
-    deepest = depth + 1.5 * way + 1e-5 + 1e-6 * len(q)
-    # A sphere that moves further than its radius in a step may step over the edge of a cell.
-    steps_over = scene.ground.heights and way > 0.2 * robot.per_link('contact_radius').min()
+    # What a step that does not converge lets in, later ones do not undo.
+    deepest = depth + 1.5 * way * (1 + report.unconverged) + 1e-5 + 1e-6 * len(q)
+    # A sphere that moves further than its radius in a step may step over the edge of a cell or
+    # through a wall.
+    has_walls = scene.ground.heights or scene.world
+    steps_over = has_walls and way > 0.2 * robot.per_link('contact_radius').min()
     if report.penetration_max > deepest and not steps_over:
         yield f'penetration: {report.penetration_max:.3g} m, at most {deepest:.3g} m expected'
     laws = make_joint_laws(robot)
@@ -114,18 +121,47 @@ class Terms(NamedTuple):
     gap: Array  # (contacts,) [m]
     W: Array  # (6n, contacts, 5) directions of the contacts
     force: Array  # (6n,) impulses of gravity, gyroscopic torques and controllers
+    grip: Array  # (contacts,) factor of the friction of what is touched
+    numbered: bool  # whether contacts with a world have the numbers of the step for certain
 
 
 def dense_terms(scene: Scene, before: State, torque: Array) -> Terms:
     """Return the terms of a step; parameters are those of `of_step`."""
     q_M = with_unit_parameters(middle_coordinates(before, scene.dt))
     R, mass = rotation_matrices(q_M[:, 3:]), np.diag(mass_matrix(scene.robot))
-    W_tau, (gap, *directions) = torque_directions(scene.robot, R), scene_contacts(scene, q_M)
+    W_tau, (geometry, grip) = torque_directions(scene.robot, R), _with_world(scene, q_M)
+    numbered = not scene.world or _is_numbered(scene, geometry[0], geometry[2])
+    gap, *directions = scene_contacts(scene, q_M, geometry)
     parts = [part.reshape(len(mass), len(gap), -1) for part in directions]
     h = smooth_forces(scene.robot, np.array(scene.gravity), before.u)
     force = scene.dt * (h + W_tau @ torque.ravel())
     W = np.concatenate(parts, axis=2)
-    return Terms(q_M, mass, joint_directions(scene.robot, R), W_tau, gap, W, force)
+    return Terms(q_M, mass, joint_directions(scene.robot, R), W_tau, gap, W, force, grip, numbered)
+
+
+def _with_world(scene: Scene, q: Array) -> tuple[tuple[Array, Array, Array], Array]:
+    """Return the geometry of all contacts, those with a world too, and the grip of its solids."""
+    geometry = contact_geometry(scene, q)
+    if not scene.world:
+        return geometry, np.ones(len(geometry[0]))
+    *of_world, grip = world_geometry(scene, q)
+    is_near = np.isfinite(of_world[0])
+    for array, own in zip(geometry, of_world, strict=True):
+        array[is_near] = own[is_near]
+    return geometry, grip
+
+
+def _is_numbered(scene: Scene, gap: Array, frame: Array) -> bool:
+    """Return whether the normals of no shape are so similar that rounding decides their order."""
+    chain = scene.robot.chain
+    spheres, capsules = np.arange(len(chain.spheres.link)), np.arange(len(chain.capsules.link))
+    of_sphere, of_capsule = np.repeat(spheres, OF_SPHERE), np.repeat(capsules, OF_CAPSULE)
+    shape = np.concatenate([spheres, len(spheres) + of_sphere, 2 * len(spheres) + of_capsule])
+    near = np.flatnonzero(np.isfinite(gap[: len(shape)]))
+    key = frame[near, 0] @ ORDER
+    order = np.lexsort([key, shape[near]])
+    same = np.diff(shape[near][order]) == 0
+    return bool((np.diff(key[order])[same] > ALIKE).all())
 
 
 def of_step(
@@ -147,8 +183,12 @@ def of_step(
 
     """
     robot = scene.robot
-    q_M, mass, W_J, W_tau, gap, W, force = dense_terms(scene, before, torque)
+    terms = dense_terms(scene, before, torque)
+    mass, W_J, gap, W, force = terms.mass, terms.W_J, terms.gap, terms.W, terms.force
     closed = np.flatnonzero(impulse.any(axis=1))
+    if scene.world:  # where rounding decides whether a place is one, others have its number
+        reach = reach_of_step(_tolerance(scene), scene.dt / 2)
+        converged &= terms.numbered and not (gap[closed] > reach + 1e-9).any()
     u_A, u_E = before.u.ravel(), after.u.ravel()
     contacts = np.einsum('rkj,kj->rk', W[:, closed], impulse[closed])
     sums = np.abs(contacts / mass[:, None]).sum(axis=1)
@@ -156,7 +196,7 @@ def of_step(
     if scale > FASTEST:
         return
     # Laws of the joints have impulses of their own on the axes: then these are not judged.
-    held = np.hstack([W_J, W_tau]) if make_joint_laws(robot).present else W_J
+    held = np.hstack([W_J, terms.W_tau]) if make_joint_laws(robot).present else W_J
     left = u_E - u_A - (force + contacts.sum(axis=1)) / mass
     off = float(np.abs(projected(mass, held, left)).max())
     viscous = scene.friction.viscous_longitudinal or scene.friction.viscous_transversal
@@ -167,8 +207,8 @@ def of_step(
         yield f'joints: they open at {open_rate:.3g}, of {scale:.3g}'
     P = impulse[closed]
     if converged:
-        yield from _of_contacts(scene, q_M, gap, W, u_E, impulse, scale)
-        yield from _of_cone(scene, q_M, closed, P, scale)
+        yield from _of_contacts(scene, terms, u_E, impulse, scale)
+        yield from _of_cone(scene, terms, closed, P, scale)
     free = projected(mass, W_J, u_A + force / mass)
     energy, most = (0.5 * float(mass @ u**2) for u in (u_E, free))
     slack = _press(scene, impulse) + 10 * scene.solver.residual_tolerance
@@ -176,7 +216,7 @@ def of_step(
     if energy > most:
         yield f'energy: {energy:.6g} J after a step, at most {most:.6g} J without contacts'
     if scene.drift_correction != 'paper':
-        tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
+        tolerance = _tolerance(scene)
         lands = bool((gap[impulse[:, 0] > 0.0] > tolerance).any())
         yield from _of_center(scene, before, after, scale, np.abs(P).sum() if lands else 0.0)
 
@@ -193,7 +233,7 @@ def _of_center(
     m = scene.robot.per_link('link_mass')
     q_M = middle_coordinates(before, scene.dt)
     free = end_coordinates(q_M, after.u, scene.dt)
-    gaps = np.array([scene_gaps(scene, q) for q in (free, after.q)])
+    gaps = np.array([_with_world(scene, q)[0][0] for q in (free, after.q)])
     known = np.isfinite(gaps).all(axis=0)
     # Gaps are closed by a move that no velocity has; the center moves by no more than contacts do.
     closed = float(np.abs(np.diff(gaps[:, known], axis=0)).max(initial=0.0))
@@ -201,6 +241,8 @@ def _of_center(
     mean = 0.5 * scene.dt * (before.u[:, :3] + after.u[:, :3])
     error = float(np.abs(moved - m @ mean / m.sum()).max())
     closed += 0.5 * scene.dt * landing / float(m.sum())
+    if scene.world:  # where contacts have other numbers then, and normals are nearly parallel
+        closed = SIDEWAYS * closed + UNKNOWN
     if error > closed + 1e-12 * (1.0 + np.abs(after.q[:, :3]).max() + scene.dt * scale):
         yield f'center of mass: it moved {error:.3g} m more than its velocity'
 
@@ -217,6 +259,11 @@ def projected(mass: Array, held: Array, u: Array) -> Array:
     return np.asarray((scaled - basis @ (basis.T @ scaled)) / root)
 
 
+def _tolerance(scene: Scene) -> float:
+    """Return the gap up to which a contact counts as closed [m]."""
+    return closed_gap(scene.solver.activation_tolerance, scene.dt)
+
+
 def _press(scene: Scene, impulse: Array) -> float:
     """Return the velocity at which the selection rule may press contacts in [m/s]."""
     largest = float(impulse[:, 0].max(initial=0.0))
@@ -224,16 +271,18 @@ def _press(scene: Scene, impulse: Array) -> float:
 
 
 def _of_contacts(
-    scene: Scene, q_M: Array, gap: Array, W: Array, u: Array, impulse: Array, scale: float
+    scene: Scene, terms: Terms, u: Array, impulse: Array, scale: float
 ) -> Iterator[str]:
     """Check Signorini's law and the sense of friction, after a step that converged."""
     slack = _press(scene, impulse) + 10 * scene.solver.residual_tolerance + ROUNDING * scale
-    tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
-    loaded = impulse[:, 0] > 0.0
+    tolerance = _tolerance(scene)
+    gap, loaded = terms.gap, impulse[:, 0] > 0.0
     if (gap[loaded] > reach_of_step(tolerance, scene.dt / 2) + 1e-9).any():
         yield f'complementarity: a force at a gap of {gap[loaded].max():.3g} m'
-    gamma = np.einsum('rkj,r->kj', W, u)
+    gamma = np.einsum('rkj,r->kj', terms.W, u)
     touching = gap <= tolerance - 1e-9
+    if scene.world:  # a solid may hide the floor
+        touching[: len(scene.robot.chain.spheres.link)] = False
     if (gamma[touching, 0] < -slack).any():
         yield f'penetration: a closed contact approaches at {-gamma[touching, 0].min():.3g} m/s'
     if (gamma[loaded, 0] > slack).any():
@@ -246,13 +295,13 @@ def _of_contacts(
             yield f'friction: {name} makes {excess.max():.3g} J'
 
 
-def _of_cone(scene: Scene, q_M: Array, closed: Array, P: Array, scale: float) -> Iterator[str]:
+def _of_cone(scene: Scene, terms: Terms, closed: Array, P: Array, scale: float) -> Iterator[str]:
     """Check that impulses are within their sets."""
     if not len(closed):
         return
     if (P[:, 0] < 0.0).any():
         yield f'cone: a normal impulse of {P[:, 0].min():.3g} N s'
-    friction = contact_friction(scene, closed, q_M)
+    friction = contact_friction(scene, closed, terms.q_M) * terms.grip[closed, None]
     # Friction along e_x acts against sliding: it is negative while sliding forward.
     along = np.where(P[:, 1] <= 0.0, friction[:, 0], friction[:, 1])
     # The residual of a step moves impulses by as much as stops the robot at this velocity.

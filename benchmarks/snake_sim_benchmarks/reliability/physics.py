@@ -32,7 +32,9 @@ from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.stepping.samples import make_samples, Samples
 
-KINDS = ((FLAT, 'newton'), (FLAT, 'bdf2'), (OBSTACLES, 'newton'), (OBSTACLES, 'bdf2'))
+Kind = tuple[str, str]  # surroundings and method
+METHODS = ('newton', 'bdf2')
+KINDS = [(surroundings, method) for surroundings in (FLAT, OBSTACLES) for method in METHODS]
 FEW_KINDS, SHORT = 2, 120.0  # these kinds only, if an attack takes less than so many seconds
 JUDGED = 3  # steps of a run that are judged one by one
 LONGEST_STEP = 1.0  # s; 5000 iterations of 11 links that touch each other take a fifth of it
@@ -49,6 +51,8 @@ class Outcome:
     steps: int = 0
     unconverged: int = 0
     diverged: int = 0  # runs that a divergence ended
+    overflows: int = 0  # steps with more contacts than a world may have
+    deepest: float = 0.0  # penetration [m]
     longest: float = 0.0  # time of a step, in the mean of a part of the run [s]
 
 
@@ -56,16 +60,17 @@ def trials(seconds: float, seed: int) -> Iterator[Trial]:
     """Attack every kind of scene for its share of the time."""
     kinds = KINDS[:FEW_KINDS] if seconds < SHORT else KINDS
     for number, kind in enumerate(kinds):
-        yield _attack(kind, seconds / len(kinds), seed, number)
+        yield attack('physics', kind, seconds / len(kinds), (seed, number))
 
 
-def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Trial:
+def attack(part: str, kind: Kind, seconds: float, seed: tuple[int, int]) -> Trial:
+    """Attack scenes of a kind for some seconds, as a part of `fuzz`; see `random_case`."""
     surroundings, method = kind
     warm_up(kind)
     begin, tried, refused, total, broken = time.perf_counter(), 0, 0, Outcome(), list[str]()
     smallest, count = '', 0
     while time.perf_counter() - begin < seconds:
-        case = random_case(np.random.default_rng((seed, number, count)), surroundings, method)
+        case = random_case(np.random.default_rng((*seed, count)), surroundings, method)
         count += 1
         try:
             found = judged(case)
@@ -76,6 +81,8 @@ def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Tr
         total.steps += found.steps
         total.unconverged += found.unconverged
         total.diverged += found.diverged
+        total.overflows += found.overflows
+        total.deepest = max(total.deepest, found.deepest)
         total.longest = max(total.longest, found.longest)
         broken += found.broken[:1]
         if found.broken and not smallest:
@@ -84,16 +91,17 @@ def _attack(kind: tuple[str, str], seconds: float, seed: int, number: int) -> Tr
     names = sorted({sentence.partition(':')[0] for sentence in broken})
     figures = (
         f'{tried / seconds:.0f} scenes a second, {total.steps} steps, unconverged '
-        f'{total.unconverged}, runs that ended early {total.diverged}, refused {refused}'
+        f'{total.unconverged}, runs that ended early {total.diverged}, refused {refused}, '
+        f'overflows {total.overflows}, penetration {total.deepest:.2g} m at most'
     )
     return Trial(
-        'physics', f'{surroundings}, {method}', 'scenes', tried, len(broken),
+        part, f'{surroundings}, {method}', 'scenes', tried, len(broken),
         time.perf_counter() - begin, longest=total.longest, figures=figures,
         first=f'{", ".join(names)}: {smallest}' if smallest else '',
     )  # fmt: skip
 
 
-def warm_up(kind: tuple[str, str]) -> None:
+def warm_up(kind: Kind) -> None:
     """Compile what a kind of scene needs."""
     for number in range(10):
         try:
@@ -166,6 +174,7 @@ def _run(case: Case, simulation: Simulation, outcome: Outcome) -> None:
         outcome.longest = max(outcome.longest, seconds / max(1, report.steps))
         outcome.steps += report.steps
         outcome.unconverged += report.unconverged
+        outcome.overflows += report.overflows
         samples = samples.until(report.steps)
         scene = simulation.scene
         outcome.broken += of_run(scene, before, samples, report, depth + 2e-3)
@@ -175,7 +184,7 @@ def _run(case: Case, simulation: Simulation, outcome: Outcome) -> None:
         if is_spatial and len(samples.q):
             converged = report.unconverged == 0
             outcome.broken += _of_steps(simulation, before, samples, converged=converged)
-        depth = max(depth, report.penetration_max)
+        outcome.deepest = depth = max(depth, report.penetration_max)
         outcome.broken += _of_energy(simulation, before, reference[0], depth)
         if report.failure:
             outcome.diverged = 1

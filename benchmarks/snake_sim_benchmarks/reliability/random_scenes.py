@@ -5,45 +5,52 @@ Random scenes: robots, surroundings, solvers, where a robot starts, and what hap
 
 A case is a mapping of plain numbers, which YAML can hold:
 
-- ``scene``: the scene, as in its file, without what is left at its default.
+- ``scene``: the scene, as in its file, without what is left at its default. Meshes of a world
+  are those in the folder MESHES.
 - ``start``: ``angle`` of the joints [rad], ``turn`` of the whole robot (Euler parameters),
-  ``height`` of its lowest sphere above the highest ground [m], ``velocity`` [m/s] and ``spin``
-  [rad/s] of the robot as one rigid body; all may be left out.
+  ``height`` of its lowest sphere above the highest ground, or above where it is in no solid of
+  a world [m], ``velocity`` [m/s] and ``spin`` [rad/s] of the robot as one rigid body; all may be
+  left out.
 - ``parts``: of the run. Each has ``steps``, and may have a ``push``, link and impulse [N s], or a
   ``change`` of the scene, dotted names and values, before its first step.
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from snake_sim_ros import ParameterError, Scene, State
+from snake_sim_ros.contact.placing import lift_out_of_world
 from snake_sim_ros.dynamics.force_directions import scene_gaps
 from snake_sim_ros.scene.checked_records import from_mapping
 from snake_sim_ros.scene.parameters import Array, PD_SCHEMES
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
 from snake_sim_ros.scene.rotations import product, rotation_matrices
+from snake_sim_ros.scene.world import in_folder
 from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 
 Case = dict[str, Any]
 Generator = np.random.Generator
 
-FLAT, OBSTACLES = 'flat', 'obstacles'
+FLAT, OBSTACLES, WORLDS = 'flat', 'obstacles', 'worlds'
+MESHES = Path(__file__).parent / 'meshes'
 DEEPEST_START = 2e-3  # penetration up to which a start is tried [m]
 
 
 def random_case(rng: Generator, surroundings: str, method: str) -> Case:
     """
-    Return a random case on a flat floor, or with cells, pegs, patches and self-contact.
+    Return a random case on a flat floor, with cells, pegs, patches and self-contact, or solids.
 
-    Among the latter, friction may differ forward and backward.
+    Where there is more than a flat floor, friction may differ forward and backward. In a world
+    steps are short, runs are long, and friction is at most 1.5.
     """
     n = int(rng.choice([1, 2, 3, 4, 5, 6, 8, 11], p=[0.05, 0.15, 0.2, 0.2, 0.15, 0.1, 0.1, 0.05]))
     scene: Case = {
         'robot': _robot(rng, n),
         'friction': _friction(rng),
-        'gait': _gait(rng),
+        'gait': random_gait(rng),
         'solver': {'iteration_limit': int(rng.choice([200, 500, 5000], p=[0.3, 0.65, 0.05]))},
         'dt': _between(rng, 1e-5, float(rng.choice([2e-3, 2e-2, 0.1]))),
         'method': method,
@@ -55,17 +62,24 @@ def random_case(rng: Generator, surroundings: str, method: str) -> Case:
     }
     if rng.random() < 0.5:
         scene['gravity'] = _gravity(rng)
+    most = 40
     if surroundings == OBSTACLES:
         scene |= _surroundings(rng, n, scene['robot']['link_length'])
-        if rng.random() < 0.5:
-            scene['friction']['backward'] = _coefficient(rng)
-    parts: list[Case] = [{'steps': int(rng.integers(1, 40))} for _ in range(rng.integers(1, 4))]
+    if surroundings == WORLDS:
+        scene |= _world(rng, n, scene['robot']['link_length'], method)
+        most = 200
+    if surroundings != FLAT and rng.random() < 0.5:
+        scene['friction']['backward'] = _coefficient(rng)
+    parts: list[Case] = [{'steps': int(rng.integers(1, most))} for _ in range(rng.integers(1, 4))]
     for part in parts[1:]:
         if rng.random() < 0.5:
             part['push'] = [int(rng.integers(n)), *_numbers(rng.uniform(-1.0, 1.0, 3))]
         else:
             part['change'] = _change(rng)
-    return {'scene': scene, 'start': _start(rng, n), 'parts': parts}
+    start = _start(rng, n)
+    if surroundings == WORLDS:
+        start['height'] = abs(start['height'])
+    return {'scene': scene, 'start': start, 'parts': parts}
 
 
 def _between(rng: Generator, low: float, high: float) -> float:
@@ -133,7 +147,9 @@ def _friction(rng: Generator) -> Case:
     return friction
 
 
-def _gait(rng: Generator) -> Case:
+def random_gait(rng: Generator) -> Case:
+    """Return waves of yaw and pitch, or none."""
+
     def wave(amplitude: float) -> Case:
         return {
             'amplitude': _short(rng.uniform(0.0, amplitude)),
@@ -182,6 +198,109 @@ def _surroundings(rng: Generator, n: int, length: float) -> Case:
     }
 
 
+def random_world(rng: Generator, n: int, length: float) -> Case:
+    """Return one to ten solids around the origin, for n links of a length [m]."""
+    span, world = (0.3 * n + 1.0) * length, dict[str, Any]()
+    for kind in rng.choice(list(_SOLIDS), rng.integers(1, 11)).tolist():
+        solid = _SOLIDS[kind](rng, span, length)
+        world.setdefault(kind, []).append({**solid, 'grip': _between(rng, 0.2, 3.0)})
+    return world
+
+
+def _world(rng: Generator, n: int, length: float, method: str) -> Case:
+    """Return a world, self-contact, and a step for them."""
+    world = random_world(rng, n, length)
+    low, high = (5e-4, 1e-2) if method == 'bdf2' else (1e-4, 2e-3)
+    return {
+        'world': world,
+        'self_contact': bool(rng.random() < 0.3),
+        'dt': _between(rng, low, high),
+    }
+
+
+def _place(rng: Generator, span: float, height: float) -> list[float]:
+    """Return a point around the origin, up to a height [m]."""
+    return _numbers(rng.uniform((-span, -span, 0.0), (span, span, height)))
+
+
+def _box(rng: Generator, span: float, length: float) -> Case:
+    size, turn = rng.uniform(0.1, 4.0, 3) * length, rng.uniform(-np.pi, np.pi, 3)
+    upright = rng.choice([0.0, 1.0])  # boxes that lie on the floor, flush with each other
+    center = _place(rng, span, 1.5 * length)
+    if upright:
+        center, turn = [*np.round(np.divide(center[:2], length)) * length, size[2] / 2], 0.0 * turn
+    return {'center': _numbers(np.array(center)), 'size': _numbers(size), 'rpy': _numbers(turn)}
+
+
+def _bar(rng: Generator, span: float, length: float) -> Case:
+    start = np.array(_place(rng, span, length))
+    way = rng.standard_normal(3) * rng.choice([1.0, 0.0, 0.0], 3) + rng.choice([0.0, 1.0], 3)
+    way[2] += not way.any()
+    end = start + span * way / np.linalg.norm(way)
+    return {'start': _numbers(start), 'end': _numbers(end)}
+
+
+def _pole(rng: Generator, span: float, length: float) -> Case:
+    return {**_bar(rng, span, length), 'radius': _between(rng, 0.02 * length, 2.0 * length)}
+
+
+def _pipe(rng: Generator, span: float, length: float) -> Case:
+    inner = _between(rng, 0.3 * length, 3.0 * length)
+    wall = _between(rng, 0.01 * length, 0.5 * length)
+    return {**_bar(rng, span, length), 'inner': inner, 'radius': _short(inner + wall)}
+
+
+def _slope(rng: Generator, span: float, length: float) -> Case:
+    return {
+        'start': [*_place(rng, span, 0.0)[:2], 0.0],
+        'heading': _short(rng.uniform(-np.pi, np.pi)),
+        'width': _between(rng, length, 2.0 * span),
+        'run': _between(rng, 0.2 * length, span),
+        'rise': _between(rng, 0.02 * length, length),
+    }
+
+
+def _stairs(rng: Generator, span: float, length: float) -> Case:
+    return {**_slope(rng, span, length), 'count': int(rng.integers(1, 6))}
+
+
+def _heights(rng: Generator, span: float, length: float) -> Case:
+    rows, columns = rng.integers(2, 9, 2)
+    steepness = float(rng.choice([0.0, _between(rng, 0.01, 1.0)]))
+    heights = length * (0.1 + steepness * rng.uniform(0.0, 1.0, (rows, columns)))
+    return {
+        'heights': [_numbers(row) for row in heights],
+        'cell': _between(rng, 0.1 * length, span / 2),
+        'origin': _place(rng, span, 0.0)[:2],
+    }
+
+
+def _crate(rng: Generator, span: float, length: float) -> Case:
+    wavelength = _between(rng, max(length, 0.04), 4.0 * max(length, 0.04))
+    return {
+        'wavelength': wavelength,
+        'amplitude': _short(wavelength * rng.uniform(0.0, 0.2)),
+        'cell': _short(wavelength / rng.uniform(4.0, 12.0)),
+        'center': _place(rng, span / 2, 0.0)[:2],
+        'size': _numbers(wavelength * rng.uniform(1.0, 6.0, 2)),
+    }
+
+
+def _mesh(rng: Generator, span: float, length: float) -> Case:
+    return {
+        'file': str(rng.choice(sorted(path.name for path in MESHES.iterdir()))),
+        'scale': _between(rng, 0.3 * length, 3.0 * length),
+        'position': _place(rng, span, length),
+        'rpy': _numbers(rng.uniform(-np.pi, np.pi, 3)),
+    }
+
+
+_SOLIDS = {
+    'boxes': _box, 'stairs': _stairs, 'ramps': _slope, 'poles': _pole, 'pipes': _pipe,
+    'height_fields': _heights, 'egg_crates': _crate, 'meshes': _mesh,
+}  # fmt: skip
+
+
 def _change(rng: Generator) -> Case:
     """Return values that may change while a scene runs."""
     return {
@@ -208,7 +327,10 @@ def _start(rng: Generator, n: int) -> Case:
 
 def scene_of(case: Case) -> Scene:
     """Return the scene of a case."""
-    scene: Scene = from_mapping(Scene, case['scene'], 'scene')
+    values = dict(case['scene'])
+    if 'world' in values:
+        values['world'] = in_folder(values['world'], MESHES)
+    scene: Scene = from_mapping(Scene, values, 'scene')
     return scene
 
 
@@ -235,6 +357,8 @@ def start_of(case: Case, scene: Scene) -> State:
     q[:, 3:] = product(turn, q[:, 3:])
     highest = max((max(row) for row in scene.ground.heights), default=0.0)
     q[:, 2] += max(highest, 0.0) + start.get('height', 0.0) - gaps(scene.robot, q).min()
+    if scene.world:
+        q[:, 2] += lift_out_of_world(scene, q)
     omega = np.array(start.get('spin', (0.0, 0.0, 0.0)))
     u = np.zeros((n, 6))
     u[:, :3] = np.array(start.get('velocity', (0.0, 0.0, 0.0))) + np.cross(omega, q[:, :3])

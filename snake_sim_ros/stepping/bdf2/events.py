@@ -18,7 +18,14 @@ deep in an obstacle is repeated with them.
 
 from typing import NamedTuple
 
-from snake_sim_ros.contact.closing import close_gaps, gaps_to_close, left_gap, most_closed
+from snake_sim_ros.contact.closing import (
+    close_gaps,
+    gaps_to_close,
+    left_gap,
+    let_go,
+    most_closed,
+    MOST_RELEASES,
+)
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.detection import find_contacts, Found, gap_at, Pose
 from snake_sim_ros.contact.laws import IMPACT_WEIGHTS
@@ -213,7 +220,10 @@ def place_end(
             if more > count:
                 count = more
                 condense_anew(work.operator, closing)
-            close_gaps(work.operator, closing, h_q)
+            for _ in range(MOST_RELEASES + 1):
+                close_gaps(work.operator, closing, h_q)
+                if not let_go(closing.closed, contacts):
+                    break
             keep_velocities(model.robot.places, work, move)
             add_velocities(move, own.moving)
         elif attempt > 0:

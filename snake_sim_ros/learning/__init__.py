@@ -32,6 +32,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         'action': 'residual',
     },
     'snake_sim_ros/Sidewinding-v0': {'task': 'goal', 'scene': 'sidewinding', **GAIT},
+    'snake_sim_ros/Stairs-v0': {'task': 'sideways', 'scene': 'stairs', 'action': 'gait'},
 }
 
 for name, values in ENVIRONMENTS.items():

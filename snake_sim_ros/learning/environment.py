@@ -29,7 +29,7 @@ class SnakeEnv(gymnasium.Env[Array, Array]):
     Parameters
     ----------
     task : str, optional
-        ``forward``, ``goal`` or ``path``.
+        ``forward``, ``sideways``, ``goal`` or ``path``.
     scene : Scene, str or Path, optional
     values : mapping, optional
         Values of the scene by dotted names.

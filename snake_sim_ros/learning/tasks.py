@@ -108,6 +108,14 @@ class Forward:
         return {'forward': along}, np.zeros(len(along), bool)
 
 
+class Sideways(Forward):
+    """Move to the left of the heading of the start; the rest is as in `Forward`."""
+
+    def start(self, row: int, motion: Motion, draws: np.random.Generator) -> None:
+        """Take the direction to the left."""
+        self.course[row] = motion.heading + math.pi / 2
+
+
 class Goal:
     """Reach a goal in any direction; the term `nearer` is the distance that is gained [m]."""
 
@@ -184,4 +192,9 @@ class Path:
         return terms, self.arc >= self.pieces.arc[:, -1]
 
 
-TASKS: dict[str, Callable[[int], Task]] = {'forward': Forward, 'goal': Goal, 'path': Path}
+TASKS: dict[str, Callable[[int], Task]] = {
+    'forward': Forward,
+    'sideways': Sideways,
+    'goal': Goal,
+    'path': Path,
+}

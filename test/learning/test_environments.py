@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 import pytest
 
-from snake_sim_ros import ParameterError, run
+from snake_sim_ros import load_scene, ParameterError, run
 
 gymnasium = pytest.importorskip('gymnasium')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
@@ -229,3 +229,16 @@ def test_actions_that_are_none_are_refused(action):
     env.reset(seed=0)
     with pytest.raises(ParameterError, match='an action must be 10 finite numbers'):
         env.step(action)
+
+
+def test_stairs_are_to_the_left_of_the_start():
+    env = SnakeEnv(task='sideways', scene='stairs', action='gait')
+    observation, _ = env.reset(seed=1)
+    labels = env.observation_labels
+    told = {
+        name: observation[labels.index(f'{name} of the course')] for name in ('sine', 'cosine')
+    }
+    assert told['sine'] == pytest.approx(1.0, abs=1e-6)
+    assert told['cosine'] == pytest.approx(0.0, abs=1e-6)
+    # The robot heads along -x, and the flight rises along -y.
+    assert load_scene('stairs').world.stairs[0].heading == pytest.approx(-math.pi / 2)

@@ -196,14 +196,16 @@ def gaps_to_close(
 
 
 @inlined
-def let_go(closed: Array, contacts: Contacts) -> bool:
+def let_go(closed: Array, contacts: Contacts, pairs: Delassus | None) -> bool:
     """
     Unmark the contacts without load that a move would pull onto an obstacle; return if any are.
 
     The contacts are those of `close_gaps`. A penetration is an inequality: such contacts open
     as others close. To close both would take a long way sideways where normals are nearly
-    parallel.
+    parallel; on a flat floor, where `pairs` is None, all are the same.
     """
+    if pairs is None:
+        return False
     solution, newton, found = contacts.solution, contacts.newton, False
     for a in closed:
         is_marked = newton.S_N[a] > 0.0

@@ -4,11 +4,13 @@
 The machine code that an installed package brings, so that it starts without compiling.
 
     python -m snake_sim_ros.stepping.machine_code FOLDER
+    python -m snake_sim_ros.stepping.machine_code --cache
 
 compiles the loops of all methods and levels, on a flat floor and among obstacles, in a cache of
 its own, with as many processes as there are cores. What a start loads goes to a folder in FOLDER
 that has the name of the sources; see `dynamics.code_cache`. Nothing of the machine goes with it.
-What is called by other compiled functions only stays behind: it is in them.
+What is called by other compiled functions only stays behind: it is in them. With ``--cache`` the
+cache of the user gets all.
 """
 
 from collections.abc import Sequence
@@ -90,6 +92,8 @@ def main(arguments: Sequence[str]) -> int:
     match arguments:
         case ['--form', number]:
             compile_form(int(number))
+        case ['--cache']:
+            compile_all(dict(os.environ))
         case ['--keep', folder]:
             keep_loaded(Path(folder))
         case [folder]:
@@ -101,7 +105,7 @@ def main(arguments: Sequence[str]) -> int:
                 compile_all(environment)
                 call(environment, '--keep', folder)
         case _:
-            print(f'usage: python -m {__spec__.name} FOLDER', file=sys.stderr)
+            print(f'usage: python -m {__spec__.name} FOLDER|--cache', file=sys.stderr)
             return 2
     return 0
 

@@ -274,7 +274,7 @@ def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> flo
         copy_rows(q, q_before, 7)
         for _ in range(MOST_RELEASES + 1):
             close_on_links(problem, 1.0)
-            if not let_go(closed, contacts):
+            if not let_go(closed, contacts, problem.pairs):
                 break
         move_links(work.chain.twist, work.center, q)
         close_joints(model.drift_correction, robot.places, robot.mass, work.axes.furthest, q)

@@ -421,11 +421,11 @@ def closing_velocities(
     """
     Return the velocities (n, 6) that close gaps (k,) of a mask within a time h_q, eq. (x).
 
-    Contacts without load that they would pull are left out. Normal directions W_N may depend on
-    each other: a little compliance leaves the smallest impulses. The compiled step has one for few
-    contacts and one for many.
+    Contacts without load that they would pull are left out, unless the floor is flat. Normal
+    directions W_N may depend on each other: a little compliance leaves the smallest impulses. The
+    compiled step has one for few contacts and one for many.
     """
-    for _ in range(MOST_RELEASES + 1):
+    for _ in range(1 if obstacles.is_flat(scene) else MOST_RELEASES + 1):
         u, nu = _closing(scene, terms, contacts.W[:, closes, 0], gap[closes], h_q, few)
         pulls = np.zeros_like(closes)
         pulls[closes] = nu < 0.0

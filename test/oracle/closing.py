@@ -30,14 +30,15 @@ class Closing(NamedTuple):
     M_inv: Array  # (6n, 6n)
     R: Array  # (n, 3, 3) link frames in I
     compliance: float  # [1/kg]
+    is_flat: bool  # whether there is nothing but a flat floor
 
     def moves(self, closes: Array, gap: Array, loaded: Array) -> tuple[Array, Array]:
         """
         Return the moves (n, 3) [m] and turns in I (n, 3) [rad] that close gaps of a mask.
 
-        Contacts without load that they would pull are left out.
+        Contacts without load that they would pull are left out, unless the floor is flat.
         """
-        for _ in range(MOST_RELEASES + 1):
+        for _ in range(1 if self.is_flat else MOST_RELEASES + 1):
             move, P = self._move(closes, gap)
             pulls = np.zeros_like(closes)
             pulls[closes] = P < 0.0

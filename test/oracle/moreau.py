@@ -328,7 +328,10 @@ class DenseStepper:
         q_free = end_coordinates(state.q, q_M, state.u, moving, dt)  # (83)
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q, robot), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
-        closing = Closing(terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size)
+        closing = Closing(
+            terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size,
+            obstacles.is_flat(scene),
+        )  # fmt: skip
         start = terms.start_gap, terms.W_N.T @ state.u.ravel()
         q_E = with_closed_gaps(scene, closing, terms.active, start, P[:, 0] > 0.0, q_E, furthest)
         g_J = joint_gaps(robot, without_drift(robot, q_free, 'none', furthest))

@@ -222,7 +222,7 @@ def place_end(
                 condense_anew(work.operator, closing)
             for _ in range(MOST_RELEASES + 1):
                 close_gaps(work.operator, closing, h_q)
-                if not let_go(closing.closed, contacts):
+                if not let_go(closing.closed, contacts, pairs):
                     break
             keep_velocities(model.robot.places, work, move)
             add_velocities(move, own.moving)

@@ -84,7 +84,7 @@ def _plotter(path: Path | None, out: Path) -> 'Callable[[Outcome], Path] | None'
 
 
 def _compile(problem: 'Problem') -> None:
-    """Compile what the scene needs, and its check, with a bar."""
+    """Compile what the scene needs, and its check, and count what is compiled."""
     from snake_sim_ros.stepping.simulation import Simulation
     from snake_sim_ros.studies.runs import scene_of
     from snake_sim_ros.view.compile_bar import compile_with_bar

@@ -157,7 +157,7 @@ def _plotter(path: Path, study: 'Study') -> Callable[[Any], object]:
 
 
 def _compile(study: 'Study') -> None:
-    """Compile what the first row needs that can be run, with a bar."""
+    """Compile what the first row needs that can be run, and count."""
     from snake_sim_ros.stepping.simulation import Simulation
     from snake_sim_ros.studies.runs import scene_of
     from snake_sim_ros.view.compile_bar import compile_with_bar

@@ -11,7 +11,7 @@ import sys
 # Two processes on two cores: threads of linear algebra would wait for each other most of the time.
 os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
-from snake_sim_ros.dynamics.code_cache import CodeCache
+from snake_sim_ros.dynamics.code_cache import Shelf
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = [str(ROOT / name) for name in ('benchmarks', 'test', 'test/system')]
@@ -33,4 +33,4 @@ def pytest_configure(config):
     # A script that starts the tests with & has it ignored, and then all their processes ignore it.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    CodeCache.shares_work = True
+    Shelf.shares_work = True

@@ -44,8 +44,6 @@ from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.formula import ANEW, SMOOTH, UNKNOWN
 from snake_sim_ros.stepping.methods import empty_history, make_stepper
 
-pytestmark = pytest.mark.fast
-
 # A dense system for the joint impulses has a condition of up to 1e5 here: eps times that is 2e-11
 # of velocities around 1.
 AGREEMENT = 1e-10

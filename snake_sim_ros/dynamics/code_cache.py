@@ -90,12 +90,20 @@ def identity(places: Sequence[str] = ROOMS, libraries: Sequence[str] = COMPILERS
         lines = [f'{name} {os.environ[name]}' for name in settings if name != 'NUMBA_CACHE_DIR']
         lines += [f'{library} {version_of(library)}' for library in libraries]
         digest.update('\n'.join([str(sys.implementation.cache_tag), *lines]).encode())
+    digest.update(contents_of(tuple(places)))
+    return digest.hexdigest()[:16]
+
+
+@cache
+def contents_of(places: tuple[str, ...]) -> bytes:
+    """Return a digest of modules of the package; a start asks for two identities with them."""
     paths = [PACKAGE / place for place in places]
     files = [[path] if path.suffix == '.py' else path.rglob('*.py') for path in paths]
+    digest = hashlib.sha256()
     for path in sorted(path for found in files for path in found):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         digest.update(f'{path.relative_to(PACKAGE)} {content}\n'.encode())
-    return digest.hexdigest()[:16]
+    return digest.digest()
 
 
 @cache

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, ndtr, ndtri, stdtrit
 
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.files import write_whole
@@ -138,7 +138,7 @@ def judge(found: Fit, seed: int = 0) -> Judgement:
     scale = max(1.0, _mean_square(found))
     covariance = scale * inverse
     deviation = np.where(lost, np.inf, np.sqrt(np.diag(covariance)))
-    bounds = deviation[:, None] * stats.norm.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    bounds = deviation[:, None] * ndtri([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     resampled = _bootstrap(curvature, score, seed)
     resampled[lost] = -np.inf, np.inf
     singular, combinations = _combinations(found, A, scale)
@@ -190,7 +190,7 @@ def _bootstrap(curvature: Array, score: Array, seed: int) -> Array:
     steps = np.einsum('bij,bj->bi', np.linalg.pinv(drawn, hermitian=True), asked)
     ends = np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     # Few segments say little about their spread: as for a mean, by Student's distribution.
-    wider = stats.t.ppf(ends[1], count - 1) / stats.norm.ppf(ends[1])
+    wider = stdtrit(count - 1, ends[1]) / ndtri(ends[1])
     wider *= np.sqrt(count / (count - 1))
     return np.asarray(wider * np.quantile(steps, ends, axis=0).T)
 
@@ -224,7 +224,7 @@ def _constancy(curvature: Array, score: Array, scale: float) -> float:
     statistic = np.einsum('si,sij,sj->', score, inverse, score) / scale
     freedom = sum(np.linalg.matrix_rank(A, tol=1e-9 * np.trace(A), hermitian=True)
                   for A in curvature) - score.shape[1]  # fmt: skip
-    return float(stats.chi2.sf(statistic, freedom))
+    return float(chdtrc(freedom, statistic)) if freedom > 0 else np.nan
 
 
 def _memory(found: Fit) -> float:
@@ -239,7 +239,7 @@ def _memory(found: Fit) -> float:
                 total += float((r[:-lag] * r[lag:]).sum())
                 weight += float((known[:-lag] & known[lag:]).sum())
     mean_square = max(1.0, float(np.mean([np.square(i.flat()).mean() for i in found.residuals])))
-    return float(stats.norm.sf(total / mean_square / np.sqrt(max(weight, 1.0))))
+    return float(ndtr(-total / mean_square / np.sqrt(max(weight, 1.0))))
 
 
 def _failures(

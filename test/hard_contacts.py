@@ -17,6 +17,7 @@ with curled, wedged and entangled robots, rolling friction and joint friction. T
 """
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -38,6 +39,13 @@ class StoredStep(NamedTuple):
     rate: Array  # (n-1, 2) [rad/s]
 
 
+def problem_names() -> list[str]:
+    """Return the names of the stored problems, which is all that collecting tests asks for."""
+    with np.load(Path(__file__).parent / 'data' / 'hard_contacts.npz') as file:
+        return [str(name) for name in file['name']]
+
+
+@cache
 def load_problems() -> dict[str, StoredStep]:
     """Return the stored problems by their names."""
     with np.load(Path(__file__).parent / 'data' / 'hard_contacts.npz') as file:
@@ -58,6 +66,7 @@ def load_problems() -> dict[str, StoredStep]:
     return problems
 
 
+@cache
 def load_hard_steps() -> dict[str, list[StoredStep]]:
     """Return the hardest steps by the names of their scenes."""
     with np.load(Path(__file__).parent / 'data' / 'hard_steps.npz') as file:

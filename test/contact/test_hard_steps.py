@@ -10,18 +10,18 @@ from snake_sim_ros.stepping.methods import make_stepper
 
 pytestmark = pytest.mark.long
 
-STEPS = load_hard_steps()
 LEFT_OPEN = {'friction 1.5': 0, 'wedged, friction 1.5': 0, 'curled, friction 1.5': 1}  # steps
 
 
 def test_there_are_300_of_them():
-    assert sum(map(len, STEPS.values())) == 300
+    assert sum(map(len, load_hard_steps().values())) == 300
 
 
 @pytest.mark.parametrize('name', LEFT_OPEN)
 def test_steps_with_much_friction_converge(name):
-    stepper, left = make_stepper(STEPS[name][0].scene), 0
-    for _, state, history, angle, rate in STEPS[name]:
+    steps = load_hard_steps()[name]
+    stepper, left = make_stepper(steps[0].scene), 0
+    for _, state, history, angle, rate in steps:
         end, _, report = stepper.advance(state, history, angle[None], rate[None])
         assert not report.failure
         assert report.unconverged == (report.residual_max > 1e-9)

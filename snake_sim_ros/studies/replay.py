@@ -444,8 +444,8 @@ class Replay:
         samples = make_samples(scene, self.every, len(angle) // self.every)
         state, history, unconverged = start, stepper.empty_history(), 0
         most = MOST_UNCONVERGED * len(angle)
-        portion = max(1, int(most))
-        for begin in range(0, len(angle), portion):
+        begin, portion = 0, max(1, int(most))
+        while begin < len(angle):
             part = slice(begin, begin + portion)
             state, history, report = stepper.advance(
                 state, history, angle[part], rate[part], samples.after(begin)
@@ -453,6 +453,9 @@ class Replay:
             unconverged += report.unconverged
             if report.failure or unconverged > most:
                 return None
+            begin += portion
+            # Each call takes as long as dozens of steps: there are few where all goes well.
+            portion *= 1 if report.unconverged else 2
         q = np.concatenate([start.q[None], samples.q])
         u = np.concatenate([start.u[None], samples.u])
         return motion_of(q, u, self.period)

@@ -13,6 +13,8 @@ from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.state import initial_state, named_arrays
 
+CASES = (('newton', 'spatial'), ('paper', 'spatial'), ('newton', 'auto'))
+
 
 def short_run(method, level):
     """
@@ -38,6 +40,9 @@ def short_run(method, level):
 
 if __name__ == '__main__':
     sys.modules['rclpy'] = sys.modules['matplotlib'] = None  # type: ignore[assignment]
-    end, history, _ = short_run(*sys.argv[1:])
-    arrays = {name: array.tolist() for name, array in named_arrays(history).items()}
-    print(json.dumps([snake_sim_ros.__file__, end.q.tolist(), end.u.tolist(), arrays]))
+    found = {}
+    for method, level in CASES:
+        end, history, _ = short_run(method, level)
+        arrays = {name: array.tolist() for name, array in named_arrays(history).items()}
+        found[f'{method} {level}'] = end.q.tolist(), end.u.tolist(), arrays
+    print(json.dumps([snake_sim_ros.__file__, found]))

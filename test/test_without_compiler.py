@@ -11,7 +11,7 @@ import shutil
 import numpy as np
 from processes import python
 import pytest
-from short_run import short_run
+from short_run import CASES, short_run
 
 from snake_sim_ros.scene import PACKAGE
 from snake_sim_ros.stepping.state import named_arrays
@@ -22,17 +22,22 @@ ROOT = Path(__file__).resolve().parent.parent
 PHYSICS = {'scene', 'dynamics', 'contact', 'gaits', 'controllers', 'stepping'}
 
 
-@pytest.mark.parametrize(
-    ('level', 'method'), [('spatial', 'newton'), ('spatial', 'paper'), ('auto', 'newton')]
-)
-def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level):
+@pytest.fixture(scope='module')
+def uncompiled(tmp_path_factory):
+    """Return what a process without nodes and compiler finds, all cases in the same one."""
+    folder = tmp_path_factory.mktemp('physics')
     rooms = {path.parent.name for path in PACKAGE.glob('*/__init__.py')}
     upper = shutil.ignore_patterns(*rooms - PHYSICS)
-    shutil.copytree(PACKAGE, tmp_path / 'snake_sim_ros', ignore=upper)
+    shutil.copytree(PACKAGE, folder / 'snake_sim_ros', ignore=upper)
     program = str(ROOT / 'test' / 'short_run.py')
-    printed = python(program, method, level, folder=tmp_path, NUMBA_DISABLE_JIT='1')
-    file, q, u, arrays = json.loads(printed)
-    assert Path(file).parent == tmp_path / 'snake_sim_ros'
+    file, found = json.loads(python(program, folder=folder, NUMBA_DISABLE_JIT='1'))
+    assert Path(file).parent == folder / 'snake_sim_ros'
+    return found
+
+
+@pytest.mark.parametrize(('method', 'level'), CASES)
+def test_physics_runs_without_nodes_and_without_compiler(uncompiled, method, level):
+    q, u, arrays = uncompiled[f'{method} {level}']
     end, compiled_history, report = short_run(method, level)
     assert (report.steps, report.planar_steps) == (3, 2 if level == 'auto' else 0)
     if method == 'paper':
@@ -47,15 +52,8 @@ def test_physics_runs_without_nodes_and_without_compiler(tmp_path, method, level
         assert np.abs(array - np.reshape(arrays[name], array.shape)).max(initial=0.0) < 1e-12, name
 
 
-@pytest.mark.parametrize(
-    'files',
-    [
-        'stepping/test_change.py',
-        'contact/test_condensing.py',
-    ],
-)
-def test_what_is_tested_without_compiler(files):
-    assert_passed(files)
+def test_what_is_tested_without_compiler():
+    assert_passed('stepping/test_change.py contact/test_condensing.py')
 
 
 def test_a_first_verdict_takes_seconds():

@@ -122,8 +122,7 @@ PATHS = {
 }
 
 
-@pytest.mark.parametrize('name', PATHS)
-@pytest.mark.parametrize('share', [0.7, 1.3])
+@pytest.mark.parametrize(('name', 'share'), [('line', 1.3), ('circle', 0.7), ('sine', 1.3)])
 @pytest.mark.parametrize(
     ('scene', 'seconds', 'most'), [('lateral_undulation', 60.0, 0.05), ('sidewinding', 60.0, 0.1)]
 )

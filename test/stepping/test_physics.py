@@ -231,6 +231,8 @@ def test_elliptic_friction_turns_the_sliding_direction(method, dt, v0, stop, dur
     ]
     assert integrals == pytest.approx([duration, *stop], abs=5e-7)
 
+    if method != 'bdf2':  # its first steps, which are others, would be long
+        dt = max(dt, 1 / 1000)  # each step is a call
     scene = particle_scene(method, dt, ELLIPSE, (0.0, 0.0, -G))
     steps = math.ceil(duration / dt) + 5
     states, _, report = course(scene, lying((*v0, 0.0), radius=0.0), steps)
@@ -288,7 +290,7 @@ def test_free_spin_gains_what_the_explicit_gyroscopic_term_gives_it(method, dt, 
     # grows by sqrt(1 + W^2 dt^2), which is exp(W^2 dt t/2) in time: 1.902 after 10 s at 30 rad/s
     # and dt = 1/4000 s, +5.83 % of energy. This is an error of the method, of first order. That of
     # BDF2 is of third order in the amount of W.
-    steps = 400 if method == ORACLE else 40000
+    steps = 100 if method == ORACLE else 40000
     rate = (ALONG - ACROSS) / ACROSS * spin
     scene = link_scene(method, dt, gravity=(0.0, 0.0, 0.0))
     state = lying(omega=(1.0, 2.0, spin))
@@ -337,7 +339,7 @@ def test_constant_spin_turns_by_the_cayley_map(method, dt, axis):
     # Two half steps (72), (83) with the same omega turn by 4 atan(omega dt/4), exactly; on the way
     # the Euler parameters keep their length. BDF2 turns them at i omega/2 in their plane, as e^(i
     # phi/2): its error is (omega dt/2)^2/3 of the angle, which is held to three times that.
-    spin, steps, scene = 10.0, 400, link_scene(method, dt, gravity=(0.0, 0.0, 0.0))
+    spin, steps, scene = 10.0, 100, link_scene(method, dt, gravity=(0.0, 0.0, 0.0))
     omega = spin * np.eye(3)[axis]
     state = lying(omega=omega)
     state.q[0, 2] = 1.0

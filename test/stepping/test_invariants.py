@@ -75,17 +75,17 @@ def contact_velocities(scene, q_mid, u):
 @pytest.mark.parametrize(
     ('method', 'links', 'steps', 'gait', 'friction', 'laws'),
     [
-        ('newton', 11, 100, UNDULATION, ORTHOTROPIC, RULE),
-        ('newton', 11, 200, SIDEWINDING, ORTHOTROPIC, RULE),
-        ('newton', 3, 200, SIDEWINDING, ROLLING, RULE),
-        ('newton', 3, 200, SIDEWINDING, ORTHOTROPIC, PRINTED),
-        ('paper', 11, 100, UNDULATION, ORTHOTROPIC, PRINTED),
-        ('paper', 11, 100, SIDEWINDING, ORTHOTROPIC, PRINTED),
-        ('paper', 3, 200, SIDEWINDING, ROLLING, PRINTED),
-        ('paper', 11, 100, SIDEWINDING, ORTHOTROPIC, RULE),
-        (ORACLE, 3, 40, SIDEWINDING, ROLLING, PRINTED),
-        (ORACLE, 3, 40, UNDULATION, ORTHOTROPIC, PRINTED),
-        (ORACLE, 3, 40, SIDEWINDING, ROLLING, RULE),
+        ('newton', 11, 50, UNDULATION, ORTHOTROPIC, RULE),
+        ('newton', 11, 100, SIDEWINDING, ORTHOTROPIC, RULE),
+        ('newton', 3, 100, SIDEWINDING, ROLLING, RULE),
+        ('newton', 3, 100, SIDEWINDING, ORTHOTROPIC, PRINTED),
+        ('paper', 11, 50, UNDULATION, ORTHOTROPIC, PRINTED),
+        ('paper', 11, 50, SIDEWINDING, ORTHOTROPIC, PRINTED),
+        ('paper', 3, 100, SIDEWINDING, ROLLING, PRINTED),
+        ('paper', 11, 50, SIDEWINDING, ORTHOTROPIC, RULE),
+        (ORACLE, 3, 20, SIDEWINDING, ROLLING, PRINTED),
+        (ORACLE, 3, 20, UNDULATION, ORTHOTROPIC, PRINTED),
+        (ORACLE, 3, 20, SIDEWINDING, ROLLING, RULE),
     ],
 )
 def test_contacts_obey_their_laws_and_take_energy_in_every_step(
@@ -177,9 +177,9 @@ def test_contacts_obey_their_laws_and_take_energy_in_every_step(
 @pytest.mark.parametrize(
     ('links', 'steps', 'gait', 'friction', 'laws'),
     [
-        (11, 40, UNDULATION, ORTHOTROPIC, RULE),
-        (5, 100, SIDEWINDING, ORTHOTROPIC, RULE),
-        (3, 200, SIDEWINDING, ROLLING, RULE),
+        (11, 20, UNDULATION, ORTHOTROPIC, RULE),
+        (5, 50, SIDEWINDING, ORTHOTROPIC, RULE),
+        (3, 100, SIDEWINDING, ROLLING, RULE),
         (3, 100, SIDEWINDING, ORTHOTROPIC, PRINTED),
     ],
 )
@@ -221,7 +221,7 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
     # laws only, so that what is left of it is rounding: eps times the condition of the joints,
     # 1.4e5, as in test_agreement, of velocities around 1. The last sweep of those that stop at a
     # change of impulses adds what their tolerance makes of velocities.
-    steps = 100 if links < 11 else 20
+    steps = 50 if links < 11 else 10
     scene = Scene(
         robot=Robot(link_count=links), gait=SIDEWINDING, friction=ROLLING, method=method,
         level='spatial', drift_correction='none',
@@ -257,7 +257,7 @@ def test_history_holds_impulses_velocities_and_their_changes(method):
     scene = Scene(robot=Robot(link_count=3), gait=SIDEWINDING, friction=ROLLING, method=method)
     stepper, state, history = make_stepper(scene), initial_state(scene), empty_history(scene)
     opened = 0
-    for angle, rate in zip(*references(scene, 400), strict=True):
+    for angle, rate in zip(*references(scene, 200), strict=True):
         start, before = state, history
         state, history, _ = stepper.advance(state, before, angle[None], rate[None])
         q_mid = middle_coordinates(start, scene.dt)
@@ -311,7 +311,7 @@ symmetric_cases = pytest.mark.parametrize(
         ('newton', 11, 400),
         ('bdf2', 11, 400),
         ('paper', 11, 400),
-        (ORACLE, 3, 60),
+        (ORACLE, 3, 30),
     ],
 )
 waves_and_friction = pytest.mark.parametrize(

@@ -193,7 +193,7 @@ def test_memory_stays_flat_within_a_call(method):
     scene = with_settings(
         load_scene('sidewinding'), {'method': method, 'robot.link_count': 3, 'dt': 1 / 1000}
     )
-    steps = 200_000 if method == 'newton' else 40_000
+    steps = 60_000 if method == 'newton' else 15_000
     stepper, state, history, angle, rate = gait_steps(scene, steps)
     grown = []
     for _ in range(4):

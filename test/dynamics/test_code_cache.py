@@ -45,24 +45,16 @@ def compiled_functions(cache: Path, sources: Path) -> int:
     return int(count)
 
 
-def test_installations_of_the_same_sources_share_it(tmp_path):
-    copy, link = tmp_path / 'copy', tmp_path / 'link'
+def test_it_is_shared_by_sources_that_are_the_same_or_comes_with_the_package(tmp_path):
+    copy, link, cache = tmp_path / 'copy', tmp_path / 'link', tmp_path / 'cache'
     for folder in (copy, link):
         folder.mkdir()
     shutil.copytree(PACKAGE, copy / PACKAGE.name, symlinks=False)
     (link / PACKAGE.name).symlink_to(PACKAGE)
-    cache = tmp_path / 'cache'
     assert compiled_functions(cache, PACKAGE.parent) > 3
     assert compiled_functions(cache, copy) == 0
     assert compiled_functions(cache, link) == 0
-    (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
-    assert compiled_functions(cache, copy) > 3
-
-
-def test_what_came_with_the_package_is_loaded_and_never_written(tmp_path):
-    copy, cache = tmp_path / 'copy', tmp_path / 'cache'
-    shutil.copytree(PACKAGE, copy / PACKAGE.name, symlinks=False)
-    assert compiled_functions(cache, copy) > 3
+    # What came with the package is loaded and never written.
     shipped = copy / PACKAGE.name / code_cache.SHIPPED.name
     shutil.copytree(cache / PACKAGE.name, shipped)
     (ours,) = shipped.iterdir()
@@ -72,7 +64,8 @@ def test_what_came_with_the_package_is_loaded_and_never_written(tmp_path):
     assert compiled_functions(empty, copy) == 0
     assert not list(empty.rglob('*.code'))
     assert {path: path.stat().st_mtime_ns for path in shipped.rglob('*')} == before
-    # It is of these sources only.
+    # Both are of these sources only: of others neither helps.
+    shutil.copytree(cache, empty, dirs_exist_ok=True)
     (copy / PACKAGE.name / 'contact' / 'closing.py').write_text('# nothing any more\n')
     assert compiled_functions(empty, copy) > 3
 

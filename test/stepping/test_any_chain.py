@@ -77,7 +77,7 @@ def lying(rng, scene, bend=0.3):
 
 
 @pytest.mark.parametrize('ground', GROUNDS)
-@pytest.mark.parametrize('links', [2, 3, 6, 9])
+@pytest.mark.parametrize('links', [2, 3, 6])
 def test_step_of_the_paper_is_the_dense_one(ground, links):
     rng = np.random.default_rng([links, GROUNDS.index(ground)])
     scene = scene_on(ground, rng, random_chain(rng, links), method='paper', dt=1e-3)
@@ -99,7 +99,7 @@ def test_step_of_the_paper_is_the_dense_one(ground, links):
 
 @pytest.mark.parametrize('ground', GROUNDS)
 @pytest.mark.parametrize('phase', [UNKNOWN, ANEW, SMOOTH])
-@pytest.mark.parametrize('links', [2, 5, 9])
+@pytest.mark.parametrize('links', [2, 3, 6])
 def test_step_of_bdf2_is_the_dense_one(ground, phase, links):
     rng = np.random.default_rng(GROUNDS.index(ground))
     settings = {

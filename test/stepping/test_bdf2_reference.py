@@ -194,11 +194,11 @@ def check_cases(seeds, phase, ratio, links=LINKS):
 )
 def test_the_compiled_step_is_the_dense_one(phase, ratio):
     # Not seed 0: both contacts of its only link stick, which has solutions that differ by 2e-9.
-    landed, jumped, pushed = check_cases(range(1, 49), phase, ratio)
+    landed, jumped, pushed = check_cases(range(1, 25), phase, ratio)
     # The test has seen what it is about.
-    assert 5 < landed < 43
-    assert landed <= jumped < 43
-    assert pushed >= 25
+    assert 2 < landed < 22
+    assert landed <= jumped < 22
+    assert pushed >= 12
 
 
 @pytest.mark.parametrize('ratio', [0.5, 1.0, 2.0])
@@ -231,7 +231,7 @@ def with_laws_of_joints(seed, scene, state):
 @pytest.mark.parametrize('lift', [0.0, 5.0])
 def test_it_is_with_laws_of_the_joints(lift):
     seen = np.zeros(3, int)
-    for seed in range(60):
+    for seed in range(36):
         phase = (SMOOTH, ANEW)[seed % 2]
         case = random_case([seed, 8], (2, 5)[seed // 2 % 2], Friction(), phase, 1.0, lift=lift)
         scene = with_laws_of_joints(seed, *case[:2])
@@ -297,7 +297,7 @@ def check_among_obstacles(cases):
 
 @pytest.mark.parametrize('friction', [SIDES_AND_VISCOUS, FALLING], ids=['sides', 'falling'])
 def test_it_is_among_pegs_cells_and_links(friction):
-    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2], friction) for seed in range(60))
+    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2], friction) for seed in range(45))
 
 
 def test_a_given_state_is_recognized():

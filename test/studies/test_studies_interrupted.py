@@ -183,7 +183,7 @@ def test_a_study_whose_scheduler_is_lost_goes_on(tmp_path, expected, monkeypatch
         processes[0].kill()
 
     try:
-        wait_for(found.is_file, 'no scheduler')
+        wait_for(lambda: found.is_file() and found.read_text().endswith('}'), 'no scheduler')
         losing = Thread(target=lose_scheduler)
         losing.start()
         address = json.loads(found.read_text())['address']

@@ -51,7 +51,7 @@ class Graph:
     def start(
         self, name: str, *parameters: str, constants: dict[str, float] | None = None
     ) -> Process:
-        """Start a node with parameters ``name:=value``, or with other ROS arguments; see `node`."""
+        """Start a `node` with parameters ``name:=value``, or with other ROS arguments."""
         arguments = [part for item in parameters for part in _as_arguments(item)]
         if self.is_forked:
             process = node(name, *arguments, domain=self.domain, constants=constants)

@@ -3,7 +3,8 @@
 """
 What processes that are forked find loaded: whoever imports this is the server of `forks`.
 
-The nodes among them tell their diagnostics five times a second, since tests wait for them.
+The nodes among them tell their diagnostics five times a second, since tests wait for them, and
+know all publishers after a second, see `fast_discovery.xml`.
 """
 
 import gc
@@ -15,7 +16,7 @@ from rclpy.type_support import check_for_type_support
 
 from snake_sim_ros import Scene, Simulation
 from snake_sim_ros.gaits.joint_reference import compile_sampling
-from snake_sim_ros.nodes import diagnostics
+from snake_sim_ros.nodes import diagnostics, gait_inputs
 
 # Half of the start of a node is the support of the types it uses, a fifth its first line in a log.
 PACKAGES = ('_msgs.msg', '_msgs.srv', '_interfaces.msg', '_interfaces.srv', '_srvs.srv')
@@ -25,6 +26,7 @@ for module in [sys.modules[name] for name in sys.modules if name.endswith(PACKAG
             check_for_type_support(kind)
 rcutils_logger._find_caller(inspect.currentframe())
 diagnostics.INTERVAL /= 5
+gait_inputs.DISCOVERY = 1.0
 
 compile_sampling(Scene())
 Simulation(Scene()).compile()

@@ -4,7 +4,7 @@
 What processes that are forked find loaded: whoever imports this is the server of `forks`.
 
 The nodes among them tell their diagnostics five times a second, since tests wait for them, and
-know all publishers after a second, see `fast_discovery.xml`.
+know all publishers after a second, see `fast_discovery.xml`, so that a gait waits less for angles.
 """
 
 import gc
@@ -26,7 +26,7 @@ for module in [sys.modules[name] for name in sys.modules if name.endswith(PACKAG
             check_for_type_support(kind)
 rcutils_logger._find_caller(inspect.currentframe())
 diagnostics.INTERVAL /= 5
-gait_inputs.DISCOVERY = 1.0
+gait_inputs.DISCOVERY, gait_inputs.ANGLES_WAIT = 1.0, 0.3
 
 compile_sampling(Scene())
 Simulation(Scene()).compile()

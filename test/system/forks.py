@@ -15,6 +15,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
+import runpy
 import signal
 import subprocess
 import sys
@@ -110,6 +111,23 @@ def run_command(*words: str) -> int:
 def command(words: list[str], domain: int) -> Forked:
     """Start a command of snake-sim."""
     return Forked(run_command, *words, domain=domain)
+
+
+def run_script(path: str, folder: str, is_background: bool, *words: str) -> int:
+    """Run a script in a folder; in the background it ignores SIGINT at first."""
+    os.chdir(folder)
+    if is_background:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.argv = [path, *words]
+    runpy.run_path(path, run_name='__main__')
+    return 0
+
+
+def script(
+    path: Path, *words: str, folder: Path, domain: int, is_background: bool = False
+) -> Forked:
+    """Start a script in Python."""
+    return Forked(run_script, str(path), str(folder), is_background, *words, domain=domain)
 
 
 def run_node(name: str, constants: dict[str, float], *arguments: str) -> int:

@@ -21,7 +21,7 @@ from snake_sim_ros.nodes.executors import EventsExecutor
 
 START_TIMEOUT = 120.0  # s for a node to start, which may have to compile the physics
 LOOK = 5e-3  # s between two looks for what no message tells
-QUIET = 0.1  # s without messages after which none is under way
+QUIET = 0.2  # s without messages after which none is under way
 
 
 class Graph:

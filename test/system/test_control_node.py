@@ -51,7 +51,7 @@ class Feeling:
 @pytest.fixture(scope='module')
 def client(make_graph):
     client = SimClient(
-        make_graph(), 'real_time_factor:=4.0', 'publish_rate:=50.0', 'robot.command_delay:=0.02',
+        make_graph(), 'real_time_factor:=2.5', 'publish_rate:=50.0', 'robot.command_delay:=0.02',
         'imu_links:=all', 'contact_force_links:=all',
     )  # fmt: skip
     client.wait_until_connected()

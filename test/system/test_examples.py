@@ -46,8 +46,8 @@ def watching(make_graph):
 def started(make_graph, watching, folder):
     """All scripts, started together with the nodes that they need."""
     crawling, sidewinding, alone = make_graph(), make_graph(), make_graph()
-    crawling.start('sim', 'real_time_factor:=4.0', RATE)
-    sidewinding.start('sim', 'real_time_factor:=3.0', RATE, 'scene:=sidewinding')
+    crawling.start('sim', 'real_time_factor:=3.0', RATE)
+    sidewinding.start('sim', 'real_time_factor:=2.0', RATE, 'scene:=sidewinding')
     gaits = [graph.start('gait', 'use_sim_time:=true', RATE) for graph in (crawling, sidewinding)]
     alone.start('sim')
     scripts = {'step_response': script(alone, folder, 'step_response')}

@@ -59,7 +59,7 @@ class Tour:
         """Start what `ros2 run` starts."""
         name, *arguments = shlex.split(line)[3:]
         if name == 'sim':
-            self.sim = SimClient(self.graph, 'real_time_factor:=2.0', RATE)
+            self.sim = SimClient(self.graph, 'real_time_factor:=3.0', RATE)
             self.sim.wait_until_connected()
         else:
             self.gait = self.graph.start(name, *arguments[2:], RATE)

@@ -332,10 +332,10 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     sim.wait_until_connected()
     graph.until(lambda: graph.node.count_publishers('joint_command') > 1, 'the gait node')
     until_commanded(sim, commands)
-    running = lock_step(sim, commands, 200)
+    running = lock_step(sim, commands, 100)
 
     assert graph.call(Trigger, 'gait/restart').success
-    assert_no_jump(lock_step(sim, commands, 100), running)
+    assert_no_jump(lock_step(sim, commands, 60), running)
 
     gait.popen.send_signal(signal.SIGKILL)
     gait.popen.wait()
@@ -345,14 +345,14 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     gait = graph.start('gait', 'use_sim_time:=true')
     states += until_commanded(sim, commands)
     assert np.abs(np.subtract(commands[-1].position, states[-1].position)).max() < SAME
-    assert_no_jump([*states, *lock_step(sim, commands, 150)], running)
+    assert_no_jump([*states, *lock_step(sim, commands, 100)], running)
     assert gait.count('from the measured angles') == 1
 
     # Back at its start, it is commanded as at the first start, to the bit.
     graph.drain(commands)
     heard = len(commands)
     assert sim.reset().success
-    states = lock_step(sim, commands, 60)
+    states = lock_step(sim, commands, 40)
     assert_no_jump(states, running)
     assert gait.count('since the robot was put back') == 1
     scene = load_scene('lateral_undulation')

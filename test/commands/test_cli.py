@@ -336,35 +336,27 @@ class Nothing:
 
 sys.meta_path.insert(0, Nothing())
 """
-# Nodes as a module and by their scripts, all in one process.
-STARTED = """
-import runpy
-
+AS_MODULE = "import runpy; runpy.run_module('snake_sim_ros.nodes', run_name='__main__')"
+AS_SCRIPT = 'from snake_sim_ros.nodes import __main__; sys.exit(getattr(__main__, name)())'
+ONE_BY_ONE = """
 for name in sys.argv[1:]:
-    for by_module in (True, False):
-        sys.argv = ['snake_sim_ros', name]
-        sys.modules.pop('snake_sim_ros.nodes.__main__', None)
-        try:
-            if by_module:
-                runpy.run_module('snake_sim_ros.nodes', run_name='__main__')
-            else:
-                import snake_sim_ros.nodes.__main__ as scripts
-                sys.exit(getattr(scripts, name)())
-        except SystemExit as end:
-            print(name, end.code)
+    sys.argv[1:] = [name]
+    try:
+        {0}
+    except SystemExit as end:
+        print(name, end.code)
 """
 
 
-def test_nodes_say_that_they_need_ros():
+@pytest.mark.parametrize('start', [AS_MODULE, AS_SCRIPT])
+def test_nodes_say_that_they_need_ros(start):
     names = ['sim', 'gait', 'control', 'follow', 'viewer']
     done = subprocess.run(
-        [sys.executable, '-c', WITHOUT_ROS + STARTED, *names],
+        [sys.executable, '-c', WITHOUT_ROS + ONE_BY_ONE.format(start), *names],
         env=ENVIRONMENT, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [f'{name} 2' for name in names for _ in range(2)]
-    lines = done.stderr.splitlines()
-    for name, line in zip([name for name in names for _ in range(2)], lines, strict=True):
+    assert done.stdout.splitlines() == [f'{name} 2' for name in names]
+    for name, line in zip(names, done.stderr.splitlines(), strict=True):
         assert re.fullmatch(
             rf"error: {name} needs ROS 2 \(No module named '[\w.]+'\): source a ROS 2 "
             rf'installation, or ./run {name}',

@@ -9,11 +9,13 @@ their work is tested and not their start, they run in processes that are forked 
 """
 
 from collections.abc import Callable
+from importlib import import_module
 import multiprocessing
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
+import runpy
 import signal
 import subprocess
 import sys
@@ -111,16 +113,38 @@ def command(words: list[str], domain: int) -> Forked:
     return Forked(run_command, *words, domain=domain)
 
 
-def run_node(name: str, *arguments: str) -> int:
+def run_script(path: str, folder: str, is_background: bool, *words: str) -> int:
+    """Run a script in a folder; in the background it ignores SIGINT at first."""
+    os.chdir(folder)
+    if is_background:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.argv = [path, *words]
+    runpy.run_path(path, run_name='__main__')
+    return 0
+
+
+def script(
+    path: Path, *words: str, folder: Path, domain: int, is_background: bool = False
+) -> Forked:
+    """Start a script in Python."""
+    return Forked(run_script, str(path), str(folder), is_background, *words, domain=domain)
+
+
+def run_node(name: str, constants: dict[str, float], *arguments: str) -> int:
     """Return the exit status of a node that does not end by itself."""
     from snake_sim_ros.nodes import __main__ as programs  # in this process only
 
+    for path, value in constants.items():
+        module, _, constant = path.partition('.')
+        setattr(import_module(f'snake_sim_ros.nodes.{module}'), constant, value)
     sys.argv = [name, *arguments]
     status: int = getattr(programs, name)()
     return status
 
 
-def node(name: str, *arguments: str, domain: int) -> Forked:
-    """Start a node with ROS arguments."""
+def node(
+    name: str, *arguments: str, domain: int, constants: dict[str, float] | None = None
+) -> Forked:
+    """Start a node with ROS arguments, and with other values of constants, ``module.NAME``."""
     words = ['--ros-args', *arguments] if arguments else []
-    return Forked(run_node, name, *words, domain=domain)
+    return Forked(run_node, name, constants or {}, *words, domain=domain)

@@ -3,8 +3,10 @@
 """A ROS domain of its own for a test: real node processes, and one client node."""
 
 from collections.abc import Callable
+from contextlib import redirect_stderr
 import signal
 import subprocess
+import sys
 import time
 from typing import Any
 
@@ -12,11 +14,14 @@ from forks import node
 from programs import next_domain, node_command, Process, TIMEOUT
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from snake_sim_ros.nodes.executors import EventsExecutor
+
 START_TIMEOUT = 120.0  # s for a node to start, which may have to compile the physics
+LOOK = 5e-3  # s between two looks for what no message tells
+QUIET = 0.2  # s without messages after which none is under way
 
 
 class Graph:
@@ -38,15 +43,19 @@ class Graph:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)
         self.node = Node(f'client_{self.domain}', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        with redirect_stderr(sys.__stderr__):  # It wants a file, and a test may capture its own.
+            self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
 
-    def start(self, name: str, *parameters: str) -> Process:
-        """Start a node with parameters ``name:=value``, or with other ROS arguments."""
+    def start(
+        self, name: str, *parameters: str, constants: dict[str, float] | None = None
+    ) -> Process:
+        """Start a `node` with parameters ``name:=value``, or with other ROS arguments."""
         arguments = [part for item in parameters for part in _as_arguments(item)]
         if self.is_forked:
-            self.processes.append(node(name, *arguments, domain=self.domain))
+            process = node(name, *arguments, domain=self.domain, constants=constants)
+            self.processes.append(process)
         else:
             self.processes.append(Process(node_command(name, *arguments), self.domain))
         return self.processes[-1]
@@ -69,7 +78,7 @@ class Graph:
                 said = '\n'.join(f'--- {item.name}\n{item.output}' for item in self.processes)
                 why = 'a node ended' if dead else f'{timeout} s are over'
                 raise AssertionError(f'waited for {what}, but {why}\n{said}')
-            self.executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=LOOK)
 
     def spin(self, seconds: float) -> None:
         """Serve the client for some time."""
@@ -78,13 +87,13 @@ class Graph:
             self.executor.spin_once(timeout_sec=left)
 
     def drain(self, messages: list[Any]) -> None:
-        """Serve the client until no more messages come for 0.2 s."""
+        """Serve the client until no more messages come for a while."""
         end = time.monotonic() + TIMEOUT
         count = -1
         while len(messages) > count:
             assert time.monotonic() < end, 'messages do not end'
             count = len(messages)
-            self.spin(0.2)
+            self.spin(QUIET)
 
     def record(self, kind: Any, topic: str, depth: int = 1000) -> list[Any]:
         """Return a list to which all messages of a topic are appended."""

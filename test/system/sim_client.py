@@ -23,7 +23,6 @@ def connected(*clients):
 def with_twin(sim, scene):
     """Return a sim in lock-step, back at its start, and its offline twin at the same time."""
     sim.reset()
-    sim.graph.drain(sim.joint_states)
     twin = Offline(scene)
     twin.simulation.step_count = round(sim.now / scene.dt)
     twin.reference.stamp[:] = sim.now
@@ -34,7 +33,7 @@ def with_twin(sim, scene):
 class SimClient:
     """One sim node with its parameters, in a domain of its own and, maybe, a namespace."""
 
-    def __init__(self, graph, *parameters, namespace=''):
+    def __init__(self, graph, *parameters, namespace='', constants=None):
         self.graph, self.namespace = graph, f'/{namespace}'.rstrip('/')
         self.joint_states = graph.record(JointState, f'{self.namespace}/joint_states')
         self.link_poses = graph.record(PoseArray, f'{self.namespace}/link_poses')
@@ -44,7 +43,7 @@ class SimClient:
         self.commands = graph.node.create_publisher(
             JointState, f'{self.namespace}/joint_command', QoSProfile(depth=1)
         )
-        self.process = graph.start('sim', *parameters)
+        self.process = graph.start('sim', *parameters, constants=constants)
 
     @property
     def states(self):

@@ -1,16 +1,16 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Every script of examples/ as a user runs it, with real nodes and without any."""
+"""Every script of examples/ with real nodes and without any, in forked processes."""
 
 import itertools
 import re
 import signal
-import sys
 
+import forks
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
-from programs import background, Process, ROOT
+from programs import ROOT
 import pytest
 
 from snake_sim_ros.nodes.messages import stamp_from
@@ -21,10 +21,10 @@ PNG = b'\x89PNG\r\n\x1a\n'
 END = 60.0  # s for a script to end; each of its waits may take half of that
 
 
-def script(graph, folder, name, timeout=END / 2):
+def script(graph, folder, name, timeout=END / 2, is_background=False):
     """Start a script in the domain of a graph."""
-    path = str(ROOT / 'examples' / f'{name}.py')
-    process = Process([sys.executable, path, '--timeout', str(timeout)], graph.domain, folder)
+    path, where = ROOT / 'examples' / f'{name}.py', {'folder': folder, 'domain': graph.domain}
+    process = forks.script(path, '--timeout', str(timeout), is_background=is_background, **where)
     process.graph = graph
     return process
 
@@ -51,8 +51,7 @@ def started(make_graph, watching, folder):
     gaits = [graph.start('gait', 'use_sim_time:=true', RATE) for graph in (crawling, sidewinding)]
     alone.start('sim')
     scripts = {'step_response': script(alone, folder, 'step_response')}
-    with background():
-        scripts['interrupted'] = script(watching, folder, 'crawl_and_turn')
+    scripts['interrupted'] = script(watching, folder, 'crawl_and_turn', is_background=True)
     for gait in gaits:
         gait.wait_for(
             'the gait begins', END

@@ -27,6 +27,8 @@ from snake_sim_ros.scene.parameters import load_scene
 
 BLEND_TIME = 0.5  # s
 STRIDE = 0.546  # m, the default
+BLENDED = 120  # periods after which a gait has blended, and some more
+PERSISTENT = 0.5  # s for which stamps must be far away, else 2 s
 SAME = 0.01  # rad, by which a command may differ from the measured angle
 LIMITS = Scene().robot
 POSTURE = np.random.default_rng(3).uniform(-0.7, 0.7, (10, 2))
@@ -41,8 +43,9 @@ def started(make_graph):
     graphs['measured'].start('gait', *HAND)
     graphs['soft'].start('gait', *HAND, 'scene:=sidewinding')
     graphs['now'].start('gait', *HAND, 'start_from:=now')
-    graphs['wall'].start('gait')
-    graphs['real'].start('gait', 'use_sim_time:=true')
+    soon = {'gait_inputs.PERSISTENT': PERSISTENT}
+    graphs['wall'].start('gait', constants=soon)
+    graphs['real'].start('gait', 'use_sim_time:=true', constants=soon)
     graphs['stamped'].start('gait', *HAND, 'use_stamped_vel:=true', 'cmd_vel_timeout:=0.5')
     graphs['live'].start('gait', 'use_sim_time:=true')
     graphs['sim'] = SimClient(graphs['live'], 'start_paused:=true')
@@ -77,18 +80,18 @@ class Robot:
         assert self.clock.graph.call(Trigger, 'gait/restart').success
 
     def until_begun(self):
-        """Let time pass until the gait begins; return its commands of the next second."""
+        """Let time pass until the gait begins; return its commands until it has blended."""
         messages = self.clock.messages
         heard = len(messages) if self.heard is None else self.heard
         self.heard = None
 
         def begins():
             self.tick()
-            self.clock.graph.spin(0.06)  # else the next command may replace the first one
+            self.clock.graph.spin(0.02)  # else the next command may replace the first one
             return messages[heard:]
 
         self.clock.graph.until(begins, 'the beginning')
-        for _ in range(200):
+        for _ in range(BLENDED):
             self.say()
             self.clock.step()
         return messages[heard:]
@@ -178,7 +181,7 @@ def test_two_robots_are_one_warning(robot):
 
     graph.until(both, 'the warning')
     heard = len(robot.clock.messages)
-    for _ in range(200):
+    for _ in range(100):
         both()
         graph.spin(0.002)
     (line,) = (line for line in process.lines[begin:] if '[WARN]' in line)
@@ -202,7 +205,7 @@ def test_two_clocks_are_one_warning(started):
         return process.count('is there more than one publisher of /clock?')
 
     graph.until(both, 'the warning')
-    for _ in range(200):
+    for _ in range(100):
         both()
         graph.spin(0.002)
     graph.drain(messages)
@@ -237,7 +240,7 @@ def test_a_clock_that_is_not_that_of_the_robot_is_one_warning(started):
         lambda: tell() or all(process.count('use_sim_time') for process in processes),
         'warnings of both clocks',
     )
-    for _ in range(100):
+    for _ in range(20):
         tell()
     for process, (_, value, seconds) in zip(processes, cases, strict=True):
         assert process.count('[WARN]') == 1, process.output
@@ -329,10 +332,10 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     sim.wait_until_connected()
     graph.until(lambda: graph.node.count_publishers('joint_command') > 1, 'the gait node')
     until_commanded(sim, commands)
-    running = lock_step(sim, commands, 300)
+    running = lock_step(sim, commands, 100)
 
     assert graph.call(Trigger, 'gait/restart').success
-    assert_no_jump(lock_step(sim, commands, 150), running)
+    assert_no_jump(lock_step(sim, commands, 60), running)
 
     gait.popen.send_signal(signal.SIGKILL)
     gait.popen.wait()
@@ -342,14 +345,14 @@ def test_no_joint_jumps_when_the_gait_dies_starts_again_or_the_robot_is_put_back
     gait = graph.start('gait', 'use_sim_time:=true')
     states += until_commanded(sim, commands)
     assert np.abs(np.subtract(commands[-1].position, states[-1].position)).max() < SAME
-    assert_no_jump([*states, *lock_step(sim, commands, 250)], running)
+    assert_no_jump([*states, *lock_step(sim, commands, 100)], running)
     assert gait.count('from the measured angles') == 1
 
     # Back at its start, it is commanded as at the first start, to the bit.
     graph.drain(commands)
     heard = len(commands)
     assert sim.reset().success
-    states = lock_step(sim, commands, 100)
+    states = lock_step(sim, commands, 40)
     assert_no_jump(states, running)
     assert gait.count('since the robot was put back') == 1
     scene = load_scene('lateral_undulation')

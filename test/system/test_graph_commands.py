@@ -3,7 +3,7 @@
 """
 The commands topic, param and service, in processes of their own, against live nodes.
 
-Most processes are forked, see `forks`; those of `service call` and those that signals end are not.
+All processes but one are forked, see `forks`.
 """
 
 import ctypes
@@ -14,13 +14,15 @@ import time
 
 from forks import command, Forked, run_command
 from geometry_msgs.msg import Twist
-from programs import background, Process
+from programs import Process
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 import yaml
+
+from snake_sim_ros.nodes.graph import QUIET
 
 COMMANDS = [sys.executable, '-m', 'snake_sim_ros.commands']
 TWIST = 'geometry_msgs/msg/Twist'
@@ -70,6 +72,12 @@ def lines_of(graph, process, status=0):
 def started(graph, *words):
     """Start a command as a user does."""
     return Process([*COMMANDS, *words], graph.domain)
+
+
+def run_in_background(*words):
+    """Run a command that a script has started with &: it ignores SIGINT at first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return run_command(*words)
 
 
 # ---- what there is ------------------------------------------------------------------------------
@@ -198,7 +206,8 @@ def test_parameters_are_read_and_written(run, run_all):
 def test_call(graph, run):
     for data, message in ((True, 'paused'), (False, 'running')):
         values = f'{{data: {str(data).lower()}}}'
-        process = started(graph, 'service', 'call', '/sim/pause', SET_BOOL, values)
+        words = ['service', 'call', '/sim/pause', SET_BOOL, values]
+        process = started(graph, *words) if data else command(words, graph.domain)
         lines = lines_of(graph, process)
         request, _, head, response = [line for line in lines if 'waiting' not in line][:4]
         assert request == f'requester: making request: std_srvs.srv.SetBool_Request(data={data})'
@@ -228,9 +237,8 @@ CANNOT_BE_DONE = [
 
 
 def test_what_cannot_be_done_is_one_sentence(run_all):
-    # Nodes find each other in up to 3.3 s.
     outputs = run_all(
-        *((*words.split(), '--spin-time', '5') for words, _ in CANNOT_BE_DONE), status=1
+        *((*words.split(), '--spin-time', '2') for words, _ in CANNOT_BE_DONE), status=1
     )
     for (*rest, last), (_, sentence) in zip(outputs, CANNOT_BE_DONE, strict=True):
         assert sentence in last
@@ -250,20 +258,22 @@ def run_hanging(*words):
 
 def test_a_command_whose_middleware_hangs_ends_with_its_own_status(graph):
     words = ('topic', 'pub', '-1', '-w', '0', '/x', TWIST)
+    started = []
     for values, status, said in (('{}', 0, 'publishing #1'), ('{', 1, 'not readable')):
         process = Forked(run_hanging, *words, values, domain=graph.domain)
         process.wait_for(said)
-        begin = time.monotonic()
+        started.append((process, status, time.monotonic()))
+    for process, status, begin in started:
         assert process.wait() == status, process.output
         assert 1.0 < time.monotonic() - begin < 3.0 and 'Traceback' not in process.output
 
 
 def test_echo_hears_who_publishes_later(graph):
-    words = ['topic', 'echo', '--once', '/later', 'std_msgs/msg/String']
+    words = ['topic', 'echo', '--once', '/later', 'std_msgs/msg/String', '--spin-time', '0.1']
     process = command(words, graph.domain)
     names = graph.node.get_node_names
     graph.until(lambda: f'_snake_sim_{process.popen.pid}' in names(), 'the command')
-    time.sleep(1.0)  # it has waited long enough for somebody who publishes already
+    time.sleep(0.1 + 1.5 * QUIET)  # it has waited for somebody who publishes already
     publisher = graph.node.create_publisher(String, '/later', 10)
 
     def heard():
@@ -280,8 +290,9 @@ def test_signals_end_what_a_script_started(graph):
         for words in ('topic echo /clock', 'topic pub -r 5 /words std_msgs/msg/String')
         for number in (signal.SIGINT, signal.SIGTERM)
     ]
-    with background():
-        processes = [started(graph, *words.split()) for words, _ in kinds]
+    processes = [
+        Forked(run_in_background, *words.split(), domain=graph.domain) for words, _ in kinds
+    ]
     for process, (words, number) in zip(processes, kinds, strict=True):
         process.wait_for('---' if 'echo' in words else 'publishing', 60)
         assert process.stop(number) == 130

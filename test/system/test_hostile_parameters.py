@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hostile parameters and their files: a node refuses them in one sentence, and stays."""
 
+from forks import node
 from geometry_msgs.msg import Twist, Vector3
-from programs import node_command, Process
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -61,6 +61,12 @@ def test_a_gait_that_hardly_moves_is_steered(gait):
     assert process.popen.poll() is None
 
 
+def assert_ends_in_a_sentence(process):
+    assert process.wait() == 2
+    sentences = [line for line in process.lines if line.startswith('error: ')]
+    assert len(sentences) == 1 and 'Traceback' not in process.output
+
+
 @pytest.mark.parametrize(
     'text',
     ['/**:\n  ros__parameters: {"": 1}', '/**:\n  ros__parameters: {a: &b [*b]}', '[' * 500],
@@ -68,10 +74,7 @@ def test_a_gait_that_hardly_moves_is_steered(gait):
 def test_a_file_of_parameters_that_is_none_ends_the_start_in_a_sentence(text, gait, tmp_path):
     path = tmp_path / 'parameters.yaml'
     path.write_text(text)
-    node = Process(node_command('gait', '--params-file', str(path)), gait[0].domain)
-    assert node.wait() == 2
-    sentences = [line for line in node.output.splitlines() if line.startswith('error: ')]
-    assert len(sentences) == 1 and 'Traceback' not in node.output
+    assert_ends_in_a_sentence(node('gait', '--params-file', str(path), domain=gait[0].domain))
 
 
 def test_security_that_is_not_there_ends_the_start_in_a_sentence(gait, tmp_path, monkeypatch):
@@ -82,7 +85,4 @@ def test_security_that_is_not_there_ends_the_start_in_a_sentence(gait, tmp_path,
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
     monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
     for name in ('/snake', '/nobody'):
-        node = Process(node_command('gait', '--enclave', name), gait[0].domain)
-        assert node.wait() == 2
-        sentences = [line for line in node.output.splitlines() if line.startswith('error: ')]
-        assert len(sentences) == 1 and 'Traceback' not in node.output
+        assert_ends_in_a_sentence(node('gait', '--enclave', name, domain=gait[0].domain))

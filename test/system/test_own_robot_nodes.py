@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 from modular import modular_robot
 import numpy as np
+from offline import nanoseconds
 from programs import ROOT
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -39,6 +40,8 @@ def sim(make_graph, urdf):
 
 
 def test_topics_have_the_names_of_the_robot(sim, urdf):
+    stamps = lambda: [nanoseconds(messages[-1]) for messages in (sim.odom, sim.link_poses)]  # noqa: E731
+    sim.graph.until(lambda: len({*stamps()}) == 1, 'a pose of the links and one of the base')
     states, odom = sim.joint_states[-1], sim.odom[-1]
     assert list(states.name) == NAMES
     assert len(states.position) == len(states.velocity) == len(states.effort) == 5

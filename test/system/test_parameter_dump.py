@@ -4,10 +4,10 @@
 
 from array import array
 
+from forks import command
 from graph import START_TIMEOUT
 import pytest
 from rclpy.node import Node
-from test_graph_commands import started as command
 
 from snake_sim_ros import ParameterError
 from snake_sim_ros.nodes import follow_node, gait_node, sim_node, viewer_node
@@ -90,7 +90,7 @@ def test_the_dump_of_a_live_node_starts_another_one(make_graph, tmp_path):
     graph = make_graph()
     sim = graph.start('sim', 'scene:=lateral_undulation')
     sim.wait_for('physics ready', START_TIMEOUT)
-    dump = command(graph, 'param', 'dump', '/sim')
+    dump = command(['param', 'dump', '/sim'], graph.domain)
     assert dump.wait() == 0, dump.output
     assert sim.stop() == 0
     path = tmp_path / 'dump.yaml'

@@ -1,6 +1,10 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Every command of the README and of the pages that continue it, run in a folder of its own."""
+"""
+Every command of the README and of the pages that continue it, run in a folder of its own.
+
+Commands and programs run in this process, and nodes in forked ones, but for one of each kind.
+"""
 
 import os
 from pathlib import Path
@@ -12,6 +16,7 @@ import subprocess
 import sys
 import time
 
+import forks
 from programs import next_domain
 import pytest
 from test_tour import LINES as TOUR
@@ -54,16 +59,27 @@ SHORTENED = {
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
         '--duration 0.5'
     ),
+    './run run sidewinding --set gait.name=turn_in_place --set gait.side=right '
+    '--gif turning.gif': '--duration 0.5',
+    './run score lateral_undulation --set "follow={center: [0, -1.5]}" --begin 5 '
+    '--plot score.png': '--duration 5.5',
+    './run score lateral_undulation --controller oscillators --path "0,0 -5,0" --duration 10': (
+        '--duration 1'
+    ),
+    './run run config/sidewinding.yaml --out run.npz': '--duration 1',
 }
+# In the same way, for programs in Python.
+SHORTER = {'duration=5.0': 'duration=1.0', 'duration=2.0': 'duration=1.0', '40_000': '4_000'}
 # What the commands of the README print, if no other test looks at it.
 SHOWN = {
     './run test': r'\d+ tests collected',
     './run view sidewinding': r'http://\S+:\d+',
     './run run sidewinding --out run.npz': r'"status": "converged".*"unconverged_steps": 0',
 }
-# Commands of snake-sim run in this process, which has compiled the steps already, except one.
-OFFLINE = ('run', 'study', 'export')
+# Commands of snake-sim that run in this process, which has compiled the steps already.
+OFFLINE = ('run', 'study', 'export', 'score')
 BY_LAUNCHER = './run run config/sidewinding.yaml --out run.npz'
+BY_ROS = 'ros2 run snake_sim_ros follow --ros-args -p use_sim_time:=true'
 # What a command with such a word in it needs, and rosdep does not install.
 OPTIONAL = {'study': 'polars', 'mcap': 'mcap_ros2', 'view': 'viser', 'mp4': 'imageio_ffmpeg'}
 # Commands that other tests run.
@@ -122,7 +138,16 @@ def test_command(line, tmp_path, user_environment, monkeypatch, request, capsys)
         assert cli.main(words[1:]) == 0
         check(line, capsys.readouterr().out, tmp_path)
         return
-    if words[:3] == ['ros2', 'run', 'snake_sim_ros']:
+    if words[:3] == ['ros2', 'run', 'snake_sim_ros'] and line != BY_ROS:
+        process = forks.node(words[3], *words[5:], domain=int(user_environment['ROS_DOMAIN_ID']))
+        deadline = time.monotonic() + 60
+        while not re.search(READY, process.output):
+            assert process.popen.poll() is None and time.monotonic() < deadline, process.output
+            time.sleep(0.01)
+        assert process.stop() == 0, process.output
+        check(line, process.output, tmp_path)
+        return
+    if line == BY_ROS:
         words = [str(ROOT / 'scripts' / words[3]), *words[4:]]
         user_environment['PYTHONPATH'] = str(ROOT)
     else:
@@ -171,7 +196,7 @@ def run_node(words, folder, environment):
     try:
         while not re.search(READY, output.read_text()):
             assert process.poll() is None and time.monotonic() < deadline, output.read_text()
-            time.sleep(0.05)
+            time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 0, output.read_text()
     finally:
@@ -180,23 +205,29 @@ def run_node(words, folder, environment):
 
 
 @pytest.mark.parametrize('program', blocks('python', PAGES))
-def test_python(program, tmp_path):
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0 and done.stdout, done.stderr
+def test_python(program, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for text, shorter in SHORTER.items():
+        program = program.replace(text, shorter)
+    exec(compile(program, 'program.py', 'exec'), {'__name__': '__main__'})
+    assert capsys.readouterr().out
 
 
 def test_installed_layout(tmp_path):
     """After an installation `ros2 run` finds package, executables and scenes."""
     pytest.importorskip('wheel')
     copy, prefix = tmp_path / 'source', tmp_path / 'prefix'
-    ignore = shutil.ignore_patterns('.git', '.venv*', 'build', '__pycache__', '*.egg-info')
+    ignore = shutil.ignore_patterns(
+        '.git', '.venv*', 'build', '__pycache__', '*.egg-info', 'docs', 'test', 'benchmarks'
+    )
     shutil.copytree(ROOT, copy, symlinks=True, ignore=ignore)
     command = [sys.executable, '-m', 'pip', 'install', '-q', '--no-deps', '--no-build-isolation']
-    command += ['--ignore-installed', '--prefix', str(prefix)]  # the environment keeps its own
+    command += [
+        '--no-compile',
+        '--ignore-installed',
+        '--prefix',
+        str(prefix),
+    ]  # the environment keeps its own
     environment = {**os.environ, 'SNAKE_SIM_MACHINE_CODE': '0'}  # which test_machine_code tests
     subprocess.run([*command, str(copy)], check=True, timeout=120, env=environment)
     assert (prefix / 'share/ament_index/resource_index/packages/snake_sim_ros').is_file()

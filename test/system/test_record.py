@@ -25,7 +25,7 @@ pytest.importorskip('mcap_ros2')
 TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
 OF_TF = {'/tf', '/tf_static'}  # only where tf2_msgs is installed
-DURATION = 3.0  # s
+DURATION = 2.0  # s
 RECORD = [sys.executable, '-m', 'snake_sim_ros.commands', 'record']
 
 

@@ -10,12 +10,9 @@ import math
 from pathlib import Path
 import re
 import shlex
-import subprocess
-import sys
 
-from forks import command
+from forks import command, script
 from offline import nanoseconds
-from programs import environment
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sim_client import SimClient
@@ -62,7 +59,7 @@ class Tour:
         """Start what `ros2 run` starts."""
         name, *arguments = shlex.split(line)[3:]
         if name == 'sim':
-            self.sim = SimClient(self.graph, 'real_time_factor:=2.0', RATE)
+            self.sim = SimClient(self.graph, 'real_time_factor:=3.0', RATE)
             self.sim.wait_until_connected()
         else:
             self.gait = self.graph.start(name, *arguments[2:], RATE)
@@ -100,11 +97,9 @@ def act(tour, line, folder):
         tour.node(line)
         return True
     if line.startswith('python3'):
-        words = [sys.executable, str(ROOT / shlex.split(line)[1]), *shlex.split(line)[2:]]
-        done = subprocess.run(
-            words, cwd=folder, env=environment(graph.domain), timeout=60, capture_output=True
-        )
-        return done.returncode == 0 and (folder / 'torque.png').stat().st_size > 1000
+        path, *words = [*shlex.split(line)[1:], '--duration', '1']
+        process = script(ROOT / path, *words, folder=folder, domain=graph.domain)
+        return process.wait(60) == 0 and (folder / 'torque.png').stat().st_size > 1000
     printed = run(graph, line)
     if ' echo ' in line:
         message = yaml.safe_load(printed.removesuffix('---'))
@@ -143,7 +138,7 @@ def services(tour, line):
     if 'true' in line or '/step' in line:
         graph.drain(sim.joint_states)
         stamp = nanoseconds(sim.joint_states[-1])
-        graph.spin(0.2)
+        graph.spin(0.1)
         return nanoseconds(sim.joint_states[-1]) == stamp
     sim.advance_to(sim.now + 0.1)
     # States from before the reset may still be on their way.

@@ -200,7 +200,7 @@ KEYS = st.sampled_from(['type', 'uuid', 'updates', *CAMERA, *sorted(CLICK)])
 KINDS = st.sampled_from(['ViewerCameraMessage', 'GuiUpdateMessage', 'ScenePointerMessage'])
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     st.binary()
     | st.text()

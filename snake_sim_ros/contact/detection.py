@@ -40,7 +40,7 @@ from snake_sim_ros.contact.surroundings import (
     remember_what,
     Surroundings,
 )
-from snake_sim_ros.dynamics.compilation import compiled, inlined, linked
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.kinematics import (
     carried_in,
     carried_part,
@@ -261,7 +261,7 @@ def find_floor_contacts(tolerance: float, pose: Pose, found: Found) -> int:
     return count
 
 
-@linked
+@compiled
 def find_obstacle_contacts(
     obstacles: Obstacles, tolerance: float, pose: Pose, found: Found
 ) -> int:
@@ -629,7 +629,7 @@ def place_contact(
         geometry.point[a, k] = sphere[k] - radius * normal[k]
 
 
-@linked
+@compiled
 def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> float:
     """
     Return how deep the robot is in the floor or in an obstacle [m], 0 if it is in neither.
@@ -666,7 +666,7 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
     return -lowest
 
 
-@linked
+@compiled
 def world_penetration(
     world: Surroundings, spheres: Spheres, capsules: Capsules, q: Array
 ) -> float:

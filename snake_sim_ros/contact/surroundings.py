@@ -61,7 +61,7 @@ from snake_sim_ros.contact.shapes import (
     triple,
     TUBE,
 )
-from snake_sim_ros.dynamics.compilation import inlined, linked
+from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.obstacles import contact_count, OF_CAPSULE, OF_SPHERE
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -325,7 +325,7 @@ def has_any(world: Surroundings) -> bool:
 # ---- spheres ------------------------------------------------------------------------------------
 
 
-@linked
+@compiled
 def nearest_on_piece(world: Surroundings, item: int, c: Three) -> Near:
     """Return the nearest point of a piece."""
     boxes, poles, pipes = len(world.box_center), len(world.poles), len(world.pipes)
@@ -465,7 +465,7 @@ def hides_floor(world: Surroundings, count: int, c: Three) -> bool:
     return hides
 
 
-@linked
+@compiled
 def find_places_of_sphere(
     world: Surroundings, c: Three, radius: float, reach: float, inward: Three
 ) -> tuple[int, bool]:
@@ -583,7 +583,7 @@ def near_pole(world: Surroundings, k: int, axis: Axis) -> tuple[float, Near]:
     return s, nearest_on_segment(start, along, length, row[7], moved(axis.middle, s, axis.along))
 
 
-@linked
+@compiled
 def continues(world: Surroundings, p: Three, solid: int) -> bool:
     """Return whether a point is in or on the floor or a solid other than a given one."""
     if p[2] <= SAME:
@@ -620,7 +620,7 @@ def is_tip_of_union(world: Surroundings, k: int, n: Three, along: Three) -> bool
     return True
 
 
-@linked
+@compiled
 def find_places_of_axis(world: Surroundings, axis: Axis, radius: float, reach: float) -> int:
     """
     Find where the interior of a capsule may touch the world with gaps up to `reach` [m].
@@ -673,7 +673,7 @@ def is_lowest(before: float, here: float, after: float) -> bool:
     return here <= before and here <= after and (falls or rises)
 
 
-@linked
+@compiled
 def find_places_at_pipe(world: Surroundings, k: int, axis: Axis, most: float, count: int) -> int:
     """Find where the interior of an axis touches a pipe up to a distance `most` [m]; count."""
     row, half = world.pipes[k], axis.half
@@ -702,7 +702,7 @@ def find_places_at_pipe(world: Surroundings, k: int, axis: Axis, most: float, co
     return count
 
 
-@linked
+@compiled
 def depth_of_axis(world: Surroundings, axis: Axis, radius: float) -> float:
     """Return how deep the interior of a capsule is in edges, corners and bars [m]."""
     deepest = 0.0

@@ -49,16 +49,11 @@ class Function:
         update_wrapper(self, function)
         self.py_func, self.kind, self.shelf = function, kind, Shelf(function)
 
-    @property
-    def dispatcher(self) -> Any:
-        """The function as Numba knows it."""
-        return import_module(COMPILER).dispatcher_of(self)
-
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call it by Numba, which compiles it for any types."""
         if self.kind != 'compiled':
             raise TypeError(f'{self.py_func.__name__} is called by compiled functions only')
-        return self.dispatcher(*arguments, **named)
+        return import_module(COMPILER).python_dispatcher_of(self)(*arguments, **named)
 
 
 def compiled(function: F) -> F:
@@ -73,19 +68,9 @@ def compiled(function: F) -> F:
     return decorated(function, 'compiled')
 
 
-def linked(function: F) -> F:
-    """
-    Return `function` compiled once for all compiled functions that call it; see `compiled`.
-
-    It has no entry from Python: only compiled functions can call it, see `compiler`. It is for
-    what is large and called in several places.
-    """
-    return decorated(function, 'linked')
-
-
 def inlined(function: F) -> F:
     """
-    Return `function` compiled into each of its callers, as those that are `linked`.
+    Return `function` compiled into each of its callers, as only compiled functions are.
 
     A call copies the headers of all array arguments, which often costs more than the work itself.
     """

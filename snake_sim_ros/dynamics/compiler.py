@@ -4,11 +4,12 @@
 The compiler of `compilation.Function`: Numba, without the interpreter lock.
 
 Numba optimizes a function with all that it calls and makes machine code of it, and does so again
-in every caller, up to the loop over steps. A function that only compiled functions call needs
-neither: it is optimized once, within the function that Python calls. That takes a quarter less
+in every caller, up to the loop over steps. A function that other compiled functions call needs
+neither: it is optimized once, within the function that Python calls. That takes a third less
 time. The inside of Numba is needed for it, but only its libraries of code: `CPUCodeLibrary`.
 """
 
+from functools import cache
 import os
 import pickle
 from typing import Any
@@ -38,6 +39,7 @@ from snake_sim_ros.dynamics.compilation import begin_to_compile, Dispatched, Fun
 from snake_sim_ros.dynamics.lowered_records import Arguments, call_code, type_of
 
 OPTIONS = {'nogil': True, '_nrt': False, 'error_model': 'numpy', 'no_cfunc_wrapper': True}
+FROM_PYTHON = ' from Python'  # beside the types of the arguments
 _functions: dict[Any, Function] = {}  # by what is compiled
 PRIMITIVES = {**lowered_packs.PRIMITIVES, 'call_code': call_code}
 
@@ -49,22 +51,30 @@ if 'NUMBA_SLP_VECTORIZE' not in os.environ:
     numba.config.SLP_VECTORIZE = 1
 
 
+@cache
 def dispatcher_of(function: Function) -> Any:
-    """Return a function as Numba knows it, always the same for one."""
-    if '_dispatcher' not in vars(function):
-        options: dict[str, Any] = {}
-        if function.kind != 'compiled':
-            options['no_cpython_wrapper'] = True
-            options['pipeline_class'] = LinkedCompiler
-        if function.kind == 'inlined':
-            options['forceinline'] = True
-        dispatcher = numba.njit(**OPTIONS, **options)(function.py_func)
-        if function.kind != 'entry' and function.shelf.can_keep:
-            # As `enable_caching` of the dispatcher does with the cache of Numba.
-            vars(dispatcher)['_cache'] = CodeCache(function.shelf)
-        _functions[function.py_func] = function
-        vars(function)['_dispatcher'] = dispatcher
-    return vars(function)['_dispatcher']
+    """Return a function as other compiled functions call it, always the same for one."""
+    inlines = {'forceinline': True} if function.kind == 'inlined' else {}
+    _functions[function.py_func] = function
+    return with_cache(
+        function,
+        numba.njit(no_cpython_wrapper=True, pipeline_class=LinkedCompiler, **OPTIONS, **inlines)(
+            function.py_func
+        ),
+    )
+
+
+@cache
+def python_dispatcher_of(function: Function) -> Any:
+    """Return a function as Python calls it, with machine code of its own."""
+    return with_cache(function, numba.njit(**OPTIONS)(function.py_func), FROM_PYTHON)
+
+
+def with_cache(function: Function, dispatcher: Any, use: str = '') -> Any:
+    """Give a dispatcher the `CodeCache` of a function; its `enable_caching` gives Numba's."""
+    if function.kind != 'entry' and function.shelf.can_keep:
+        vars(dispatcher)['_cache'] = CodeCache(function.shelf, use)
+    return dispatcher
 
 
 def machine_code(function: Function, kinds: tuple[Any, ...]) -> bytes:
@@ -163,8 +173,8 @@ def modules_of(kind: Any) -> set[str]:
 class CodeCache(_Cache):  # type: ignore[misc]
     """The cache of a function on its `Shelf`, with what Numba needs to link it into others."""
 
-    def __init__(self, shelf: Shelf) -> None:
-        self.shelf = shelf
+    def __init__(self, shelf: Shelf, use: str) -> None:
+        self.shelf, self.use = shelf, use
 
     @property
     def cache_path(self) -> str:
@@ -177,7 +187,7 @@ class CodeCache(_Cache):  # type: ignore[misc]
     disable = flush = enable
 
     def _path(self, signature: Any) -> Any:
-        return self.shelf.path(str(signature), set().union(*map(modules_of, signature)))
+        return self.shelf.path(f'{signature}{self.use}', set().union(*map(modules_of, signature)))
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the code for some types of arguments, or None: this process compiles it."""

@@ -12,7 +12,6 @@ import zipfile
 
 import numpy as np
 
-from snake_sim_ros.recording.bag_reader import read_bag
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, ParameterError, quoted
 from snake_sim_ros.scene.files import whole_file
 from snake_sim_ros.scene.parameters import Array, scene_from_text, scene_to_text
@@ -275,6 +274,9 @@ def read_run(path: Path, namespace: str | None = None) -> Trajectory:
     if path.suffix == '.npz':
         return read_npz(path)
     if path.suffix == '.mcap' or path.is_dir():
+        # Decoding takes as long to import as the scene of a run, which needs none.
+        from snake_sim_ros.recording.bag_reader import read_bag
+
         return read_bag(path, namespace)
     raise ParameterError(
         f'a recorded run ends in .npz or .mcap, or is the folder of a bag; got {path}'

@@ -3,12 +3,14 @@
 """The count of compiled functions on stderr, where a run has to compile before it can begin."""
 
 import sys
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING
 
 from snake_sim_ros.dynamics.code_cache import why_compile
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.stepping.simulation import Simulation
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 LAYOUT = 'compiling for {elapsed}, {n} functions so far'
 
@@ -27,6 +29,8 @@ def compile_with_bar(simulation: Simulation) -> None:
     def count(name: str) -> None:
         nonlocal bar
         if bar is None:
+            from tqdm import tqdm  # Most runs need no bar, and it takes long to import.
+
             if reason := why_compile():
                 print(reason, file=sys.stderr)
             bar = tqdm(bar_format=LAYOUT, leave=False)

@@ -133,7 +133,7 @@ def test_robot_follows_a_path_at_50_hertz_with_20_milliseconds_of_delay(sim):
         'follow.period:=0.02',
     )  # fmt: skip
     heard = len(sim.link_poses)
-    sim.advance_to(begin + 8.0)
+    sim.advance_to(begin + 10.0)
     assert state(sim) == 'in control'
     path = PlanarPath.of(Following(center=(0.0, -1.5), radius=1.5))
     centers = np.array(

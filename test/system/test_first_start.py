@@ -177,6 +177,7 @@ def check_a_node_without_physics(sim):
     # A change so small does not need the spatial level.
     sim.send({'joint_5_yaw': start_angles[4, 0] - 0.02})
     waiting = sim.values()
+    graph.until(lambda: sim.joint_states, 'the posture that it holds')
     report, held = sim.diagnostics[-1].status[0], sim.joint_states[-1]
     refused = [sim.reset(), graph.call(Trigger, sim.service('step'))]
     request = GetParameters.Request(names=['publish_rate'])

@@ -27,7 +27,7 @@ class Course:
 
     def __init__(self, graph):
         self.graph = graph
-        self.sim = SimClient(graph, 'real_time_factor:=4.0', 'publish_rate:=25.0')
+        self.sim = SimClient(graph, 'real_time_factor:=2.5', 'publish_rate:=25.0')
         self.node = graph.start('follow', 'use_sim_time:=true', '-p tolerance:=0.2')
         graph.start('gait', 'use_sim_time:=true', 'publish_rate:=25.0')
         self.paths = graph.node.create_publisher(Path, 'path', QoSProfile(depth=1))
@@ -99,9 +99,9 @@ def test_what_is_no_path_is_refused(course, points, frame, message):
 def test_the_robot_follows_a_path_to_its_end(course):
     start = course.center
     # It points to -x, the path 45 degrees to the left of that.
-    end = start - 1.2
+    end = start - 1.5
     course.send(start, end)
-    course.says('following a path of 1.697 m')
+    course.says('following a path of 2.121 m')
     course.says('at the end of the path')
     course.graph.until(lambda: course.steered[-1] == Twist(), 'the robot to stop')
     late = [each.data for each in course.errors[-len(course.errors) // 5 :]]

@@ -245,29 +245,6 @@ def test_what_cannot_be_done_is_one_sentence(run_all):
         assert all(line.lower().startswith('waiting') for line in rest)
 
 
-def hang_with_the_lock_of_the_interpreter(*_):
-    while True:
-        ctypes.PyDLL(None).sleep(60)
-
-
-def run_hanging(*words):
-    """Run a command whose node cannot be destroyed."""
-    Node.destroy_node = hang_with_the_lock_of_the_interpreter
-    return run_command(*words)
-
-
-def test_a_command_whose_middleware_hangs_ends_with_its_own_status(graph):
-    words = ('topic', 'pub', '-1', '-w', '0', '/x', TWIST)
-    started = []
-    for values, status, said in (('{}', 0, 'publishing #1'), ('{', 1, 'not readable')):
-        process = Forked(run_hanging, *words, values, domain=graph.domain)
-        process.wait_for(said)
-        started.append((process, status, time.monotonic()))
-    for process, status, begin in started:
-        assert process.wait() == status, process.output
-        assert 1.0 < time.monotonic() - begin < 3.0 and 'Traceback' not in process.output
-
-
 def test_echo_hears_who_publishes_later(graph):
     words = ['topic', 'echo', '--once', '/later', 'std_msgs/msg/String', '--spin-time', '0.1']
     process = command(words, graph.domain)
@@ -297,3 +274,29 @@ def test_signals_end_what_a_script_started(graph):
         process.wait_for('---' if 'echo' in words else 'publishing', 60)
         assert process.stop(number) == 130
         assert 'Traceback' not in process.output
+
+
+# The last ones: processes that do not leave the graph delay how others find each other.
+
+
+def hang_with_the_lock_of_the_interpreter(*_):
+    while True:
+        ctypes.PyDLL(None).sleep(60)
+
+
+def run_hanging(*words):
+    """Run a command whose node cannot be destroyed."""
+    Node.destroy_node = hang_with_the_lock_of_the_interpreter
+    return run_command(*words)
+
+
+def test_a_command_whose_middleware_hangs_ends_with_its_own_status(graph):
+    words = ('topic', 'pub', '-1', '-w', '0', '/x', TWIST)
+    started = []
+    for values, status, said in (('{}', 0, 'publishing #1'), ('{', 1, 'not readable')):
+        process = Forked(run_hanging, *words, values, domain=graph.domain)
+        process.wait_for(said)
+        started.append((process, status, time.monotonic()))
+    for process, status, begin in started:
+        assert process.wait() == status, process.output
+        assert 1.0 < time.monotonic() - begin < 3.0 and 'Traceback' not in process.output

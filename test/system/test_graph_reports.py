@@ -3,6 +3,7 @@
 """What a sim node says of the graph around it and of the commands it gets, to real publishers."""
 
 import math
+import signal
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -33,9 +34,12 @@ SCENE = load_scene('lateral_undulation')
 
 
 def talk(name):
-    """Publish a command for joint 1 until this process is killed, 50 times a second."""
+    """Publish a command for joint 1, once told to, until this process is killed."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGUSR1])  # in all threads
     rclpy.init()
-    publisher = Node(name).create_publisher(JointState, 'joint_command', 1)
+    node = Node(name)
+    signal.sigwait([signal.SIGUSR1])
+    publisher = node.create_publisher(JointState, 'joint_command', 1)
     while True:
         publisher.publish(JointState(name=['joint_1_yaw'], position=[0.0]))
         if publisher.get_subscription_count():
@@ -104,18 +108,21 @@ def refused(running, published):
 
 
 @pytest.fixture
-def talker(running):
-    """Return a function that starts a publisher of joint_command."""
-    processes = []
-
-    def start(name):
-        processes.append(Forked(talk, name, domain=running.graph.domain))
-        processes[-1].wait_for('heard')
-        return processes[-1]
-
-    yield start
+def talkers(running):
+    """Return three processes that are in the graph, and publish joint_command at a signal."""
+    names = ['first', 'second', 'third']
+    processes = [Forked(talk, name, domain=running.graph.domain) for name in names]
+    node = running.graph.node
+    running.graph.until(lambda: {*names} <= {*node.get_node_names()}, 'their names')
+    yield processes
     for process in processes:
         process.kill()
+
+
+def begin(process):
+    """Let one of these publish."""
+    process.popen.send_signal(signal.SIGUSR1)
+    process.wait_for('heard')
 
 
 def listed(sim):
@@ -163,18 +170,19 @@ def waves(count):
 # The tests of the running sim need this order: the first one wants no other publishers.
 
 
-def test_publishers_that_were_killed_are_not_rivals(running, refused, talker):
+def test_publishers_that_were_killed_are_not_rivals(running, refused, talkers):
     running.graph.node.destroy_publisher(running.commands)
-    first = talker('first')
+    first, second, third = talkers
+    begin(first)
     running.graph.until(lambda: listed(running) == ['first'], 'it in the graph')
     wait_for_looks(running, 2)
     first.kill()  # The graph still has it, for 20 s.
-    talker('second')
+    begin(second)
     running.graph.until(lambda: listed(running) == ['first', 'second'], 'both in the graph')
     wait_for_looks(running, 4)
     assert not running.process.count('publishers'), running.process.output
     # A third one lives, and is named with all that the graph has.
-    talker('third')
+    begin(third)
     said = '/joint_command has 3 publishers, /first, /second, /third: the last message counts'
     running.graph.until(lambda: running.process.count(said), said)
     wait_for_looks(running, 2)
@@ -223,20 +231,18 @@ def test_stamp_of_the_wall_clock_means_now(running):
 
 
 @pytest.mark.parametrize('node', ['sim', 'gait', 'follow', 'viewer'])
-def test_parameter_that_there_is_not_is_named(running, node):
-    graph = running.graph
+def test_parameter_that_there_is_not_is_named(running, make_graph, node):
+    graph = running.graph if node == 'sim' else make_graph()
     if node == 'viewer':
         pytest.importorskip('viser')
     if node != 'sim':
-        process = graph.start(node, *(['port:=0'] if node == 'viewer' else []))
+        graph.start(node, *(['port:=0'] if node == 'viewer' else []))
     items = [Parameter(name, value=1.0).to_parameter_msg() for name in ('no_such', 'scenes')]
     request = SetParameters.Request(parameters=items)
     results = graph.call(SetParameters, f'{node}/set_parameters', request).results
     assert not any(result.successful for result in results)
     assert results[0].reason.startswith("unknown parameter 'no_such'; ")
     assert results[1].reason == "unknown parameter 'scenes'; did you mean 'scene'?"
-    if node != 'sim':
-        graph.end(process)
 
 
 # ---- in lock-step -------------------------------------------------------------------------------

@@ -29,8 +29,9 @@ from sim_client import connected, SimClient
 from std_srvs.srv import Trigger
 
 from snake_sim_ros import Report
+from snake_sim_ros.nodes import executors
 from snake_sim_ros.nodes.compiling import NotCompiledError
-from snake_sim_ros.nodes.diagnostics import reason
+from snake_sim_ros.nodes.diagnostics import LoadMeter, reason
 from snake_sim_ros.nodes.sim_node import SimNode
 from snake_sim_ros.scene.parameters import load_scene
 
@@ -334,6 +335,25 @@ def test_node_as_fast_as_it_can_ends_well_on_sigterm(sims):
     # The signal comes in the middle of a period.
     assert sim.process.stop(signal.SIGTERM) == 0, sim.process.output
     assert 'Traceback' not in sim.process.output
+
+
+def test_what_is_told_how_often_and_for_how_long(monkeypatch):
+    """Nodes of other tests have other values, see `loaded_physics` and `forks.node`."""
+    meter, now, told = LoadMeter(), [0.0], []
+    meter.restart(10.0)
+    assert not meter.complete(10.99) and meter.complete(11.0)
+    monkeypatch.setattr(executors, 'time', SimpleNamespace(monotonic=lambda: now[0]))
+    node = SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=told.append))
+    refusals = executors.Refusals(executors.ThrottledWarnings(node))
+    counts = []
+    for now[0] in (0.0, 4.9, 5.0):  # a warning of a kind every five seconds
+        refusals.add('kind', 'why')
+        counts.append(len(told))
+    assert counts == [1, 1, 2]
+    now[0] = 14.9
+    assert refusals.remarks() == ['why']
+    now[0] = 15.0
+    assert not refusals.remarks()
 
 
 def test_reasons_of_slow_steps():

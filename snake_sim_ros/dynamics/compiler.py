@@ -55,7 +55,6 @@ if 'NUMBA_SLP_VECTORIZE' not in os.environ:
 def dispatcher_of(function: Function) -> Any:
     """Return a function as other compiled functions call it, always the same for one."""
     inlines = {'forceinline': True} if function.kind == 'inlined' else {}
-    _functions[function.py_func] = function
     return with_cache(
         function,
         numba.njit(no_cpython_wrapper=True, pipeline_class=LinkedCompiler, **OPTIONS, **inlines)(
@@ -72,6 +71,7 @@ def python_dispatcher_of(function: Function) -> Any:
 
 def with_cache(function: Function, dispatcher: Any, use: str = '') -> Any:
     """Give a dispatcher the `CodeCache` of a function; its `enable_caching` gives Numba's."""
+    _functions[function.py_func] = function
     if function.kind != 'entry' and function.shelf.can_keep:
         vars(dispatcher)['_cache'] = CodeCache(function.shelf, use)
     return dispatcher

@@ -14,7 +14,7 @@ import os
 import pickle
 from typing import Any
 
-from llvmlite.binding import parse_bitcode
+from llvmlite.binding import parse_bitcode, set_option
 
 try:
     import numba
@@ -43,6 +43,11 @@ FROM_PYTHON = ' from Python'  # beside the types of the arguments
 _functions: dict[Any, Function] = {}  # by what is compiled
 PRIMITIVES = {**lowered_packs.PRIMITIVES, 'call_code': call_code}
 
+# Loops over a few numbers are unrolled, those over links and contacts are not. With more of it, as
+# by default at this level, the loops among obstacles take half as long again to compile, and steps
+# are no faster. LLVM takes this for all that the process compiles.
+for limit in ('threshold=220', 'runtime=false', 'allow-peeling=false'):
+    set_option('snake_sim_ros', f'-unroll-{limit}')
 if processor_name():
     numba.config.CPU_NAME, numba.config.CPU_FEATURES = processor_name(), ''
 if 'NUMBA_SLP_VECTORIZE' not in os.environ:

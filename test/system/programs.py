@@ -24,9 +24,10 @@ def next_domain() -> int:
 
     Processes that test at the same time (pytest-xdist) have a range of domains each.
     """
-    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:]) % 3
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])
+    size = 100 // int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
     start = os.getppid() if 'PYTEST_XDIST_WORKER' in os.environ else os.getpid()
-    return 1 + 33 * worker + (7 * start + next(_counter)) % 33
+    return 1 + size * worker + (7 * start + next(_counter)) % size
 
 
 def environment(domain: int) -> dict[str, str]:

@@ -293,8 +293,12 @@ def _track(trajectory: Trajectory) -> tuple[Array, Array]:
     """Return arc lengths and cross-track errors of the center of the links [m]."""
     if not trajectory.scene.follow:
         raise MetricError('there is no path: the scene has no follow.points and no follow.center')
-    centers = trajectory.position[:, :, :2].mean(axis=1)
-    return PlanarPath.of(trajectory.scene.follow).track(centers)
+    kept = vars(trajectory)  # with the run, as by a `cached_property`: five metrics ask
+    if '_track' not in kept:
+        centers = trajectory.position[:, :, :2].mean(axis=1)
+        kept['_track'] = PlanarPath.of(trajectory.scene.follow).track(centers)
+    tracked: tuple[Array, Array] = kept['_track']
+    return tracked
 
 
 def cross_track(trajectory: Trajectory) -> float:

@@ -245,7 +245,9 @@ def test_ctrl_c_saves_what_was_recorded(tmp_path):
     with np.load(path) as data:
         samples = len(data['time'])
         assert 2 <= samples == len(data['position']) < 1_000_000
-    assert np.diff(read_bag(bag).time) == pytest.approx(np.full(samples - 1, 0.005), abs=1e-9)
+    times = read_bag(bag).time
+    assert len(times) - samples in (0, 1)  # The signal may come between the two.
+    assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.005), abs=1e-9)
     assert set(json.loads(out.splitlines()[-1])) >= KEYS
     # The documentation of the command promises this status.
     assert process.returncode == 130

@@ -53,8 +53,8 @@ def make_graph(compiled):
     """Return a function that makes a domain with a client; everything ends with the module."""
     graphs = []
 
-    def make():
-        graphs.append(Graph())
+    def make(**options):
+        graphs.append(Graph(**options))
         return graphs[-1]
 
     yield make

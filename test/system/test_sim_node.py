@@ -309,7 +309,8 @@ def test_steps_that_outlast_their_period_are_told(sims):
     sim.process.wait_for('longer than their publish period of 0.005 ms')
     what = (
         r'20 steps took \S+ ms, longer than their publish period of 0.005 ms: \S+ ms of it '
-        r'the one at t = \S+ s; (a step takes \S+ us of processor time, and 0.25 us would keep time'
+        r'the one at t = \S+ s; '
+        r'(a step takes \S+ us of processor time, and 0.25 us would keep time'
         r'|other work had the processor for \S+ ms)'  # on a busy machine
     )
     sim.graph.until(lambda: sim.diagnostics and int(sim.values()['late_periods']) > 100, 'counts')

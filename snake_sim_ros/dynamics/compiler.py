@@ -5,7 +5,7 @@ The compiler of `compilation.Function`: Numba, without the interpreter lock.
 
 Numba optimizes a function with all that it calls and makes machine code of it, and does so again
 in every caller, up to the loop over steps. A function that other compiled functions call needs
-neither: it is optimized once, within the function that Python calls. That takes a third less
+neither: it is optimized once, within the function that Python calls. That takes a quarter less
 time. The inside of Numba is needed for it, but only its libraries of code: `CPUCodeLibrary`.
 """
 

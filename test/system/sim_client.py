@@ -45,6 +45,17 @@ class SimClient:
         )
         self.process = graph.start('sim', *parameters, constants=constants)
 
+    def step_to_gait(self):
+        """Step until a gait node, which was started, commands; return the list of its commands."""
+        commands = self.graph.record(JointState, 'joint_command')
+        self.wait_until_connected()
+        publishers = self.graph.node.count_publishers
+        self.graph.until(lambda: publishers('joint_command') > 1, 'the gait node')
+        while not commands:
+            self.step()
+            self.graph.spin(0.01)
+        return commands
+
     @property
     def states(self):
         """The lists of messages that every state is published in, the clock last."""

@@ -9,7 +9,6 @@ import sys
 from offline import nanoseconds, PERIOD
 from programs import background, Process
 import pytest
-from sensor_msgs.msg import JointState
 from sim_client import SimClient
 
 from snake_sim_ros.commands.main import main
@@ -28,12 +27,7 @@ def record_a_run(graph, path):
     recorder.wait_for('recording all topics')
     sim = SimClient(graph, 'start_paused:=true', *(f'{n}:={value}' for n, value in TRUTH.items()))
     graph.start('gait', 'use_sim_time:=true')
-    commands = graph.record(JointState, 'joint_command')
-    sim.wait_until_connected()
-    graph.until(lambda: graph.node.count_publishers('joint_command') > 1, 'the gait node')
-    while not commands:
-        sim.step()
-        graph.spin(0.01)
+    commands = sim.step_to_gait()
     end = nanoseconds(commands[0]) + 1e9 * DURATION
     while (now := nanoseconds(sim.joint_states[-1])) < end:
         before = now - PERIOD

@@ -218,12 +218,7 @@ def test_gait_follows_a_clock_of_others_and_pauses_with_it(started):
 
 def test_sim_and_gait_get_as_far_as_the_offline_run(started):
     _, _, graph, live, *_ = started
-    commands = graph.record(JointState, 'joint_command')
-    live.wait_until_connected()
-    graph.until(lambda: graph.node.count_publishers('joint_command') > 1, 'the gait node')
-    while not commands:
-        live.step()
-        graph.spin(0.01)
+    commands = live.step_to_gait()
     begin, periods, path = nanoseconds(commands[0]), 300, []
     while nanoseconds(live.joint_states[-1]) < begin + periods * PERIOD:
         # In lock-step, the robot waits for the command of the time that it has reached.

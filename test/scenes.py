@@ -11,12 +11,12 @@ from oracle import empty_history, make_stepper, ORACLE
 import pytest
 
 from snake_sim_ros import Friction, Report, Robot, Scene, Solver, State
+from snake_sim_ros.contact.laws import STICKING
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import History
 
 EPS = np.finfo(float).eps
@@ -129,12 +129,12 @@ def chain_rounding(method: str, v: float, compliance: float = 3.07) -> float:
     """
     Return the momentum of one link that `newton` and `bdf2` may round away in a step [N s].
 
-    They add laws of a stiffness 1/(1e-5 G) to the inertia of a link, for each of two contacts, and
+    They add laws of a stiffness 1/(1e-6 G) to the inertia of a link, for each of two contacts, and
     a velocity v at one point that is 0 at the contact comes out of a difference of products with
     it: EPS v times the stiffness, in both products. G is the mean Delassus entry [1/kg]. Other
     methods solve the dynamics without the laws.
     """
-    return 2 * EPS * v * 2 / (PROXIMAL * compliance) if method in ('newton', 'bdf2') else 0.0
+    return 2 * EPS * v * 2 / (STICKING * compliance) if method in ('newton', 'bdf2') else 0.0
 
 
 def particle_impulse(method: str) -> float:

@@ -56,6 +56,7 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     rolls,
     selects,
+    STICKING,
 )
 from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import (
@@ -72,8 +73,7 @@ from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
 FAR = 1e-4  # a solution that is farther from the trial velocities is not corrected [m/s]
-EFFECTIVE_MASS = 1e-5  # relative to the stiffness of the proximal point method; see `close_law`
-CLOSER = 100.0  # stiffness of contacts that stick there, relative to it
+CLOSER = 10.0  # stiffness of contacts that stick, relative to `disc_law`; see `close_law`
 SMALL_CORRECTION = 1e-6  # after it the next one would be rounding [m/s, rad/s]
 
 
@@ -223,7 +223,7 @@ def close_law(
     """
     if radius <= 0.0 or disc.stiffness <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    mu_x, mu_y, r = disc.mu_x, disc.mu_y, EFFECTIVE_MASS * disc.stiffness
+    mu_x, mu_y, r = disc.mu_x, disc.mu_y, STICKING * disc.stiffness
     most = CLOSER * disc.stiffness
     x = disc.over_x * P_x - r * mu_x * gamma_x
     y = disc.over_y * P_y - r * mu_y * gamma_y

@@ -87,6 +87,7 @@ FEW_ON_FLOOR = 2
 # the line between two iterates is searched; below, rounding decides.
 FAR_RESIDUAL = 1e3
 CONVERGES = 0.95  # an iteration that leaves a larger share of the residual does not converge
+NEAR = 1e-5  # unless it is below this: then loads creep until a contact begins to slide [m/s]
 # A line search ends at this share of the smaller slope of both ends, and after so many points: the
 # next iteration goes on from there, for which a better point gains little.
 FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
@@ -469,7 +470,8 @@ def iterate_laws(
                 break
         else:
             anchor_at_iterate(laws, closed, contacts)
-            if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
+            converges = residual < CONVERGES * before or residual <= NEAR
+            if converges and steps < MOST_COUPLED_ITERATIONS:
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
@@ -518,7 +520,7 @@ def iterate(
             round = Round(CLOSER, inner, CLOSE_ITERATIONS, False)
             most -= HELD_ITERATIONS
         elif held:
-            begin_held(rounds, closed, contacts)
+            begin_held(rounds if residual > NEAR else 0, closed, contacts)
             anchor_at_iterate(laws, closed, contacts)
             round = Round(HELD, held_tolerance(rounds, tolerance), HELD_ITERATIONS, True)
             fell_back = True
@@ -590,7 +592,7 @@ def end_held(relaxation: float, closed: Array, contacts: Contacts) -> None:
 
 @inlined
 def begin_held(rounds: int, closed: Array, contacts: Contacts) -> None:
-    """Return to the end of the last round or, before the first one, hold the present radii."""
+    """Return to the end of the last round or, if there was none, hold the present radii."""
     newton = contacts.newton
     for a in closed:
         if rounds > 0:

@@ -90,7 +90,7 @@ def sampled_forces(
     forces_of_ground(spheres, acted, (impulse, span), (sample, number), points, forces)
     others = number >= len(spheres.link)
     world = make_surroundings(scene) if scene.world else None
-    for m in np.unique(sample[others]):
+    for m in np.flatnonzero(np.bincount(sample[others])):  # np.unique imports np.ma
         here = np.flatnonzero(others & (sample == m))
         touching = number[here]
         wanted = np.isin(np.arange(contact_count(scene)), touching)
@@ -134,7 +134,7 @@ def add_viscous_forces(
     sample, number = loaded
     floor, ground = scene.friction, number < first_peg(scene)
     world = make_surroundings(scene) if scene.world else None
-    for m in np.unique(sample[ground]):
+    for m in np.flatnonzero(np.bincount(sample[ground])):
         here = np.flatnonzero(ground & (sample == m))
         links = contact_links(scene)[number[here], 0]
         wanted = np.isin(np.arange(contact_count(scene)), number[here])

@@ -10,7 +10,13 @@ from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.contacts import Contacts, make_contacts
 from snake_sim_ros.contact.delassus import Delassus, make_delassus
 from snake_sim_ros.contact.detection import make_obstacles, Obstacles
-from snake_sim_ros.contact.laws import Laws, LEAST_COMPLIANCE, make_disc, make_other_friction
+from snake_sim_ros.contact.laws import (
+    Laws,
+    LEAST_COMPLIANCE,
+    make_disc,
+    make_other_friction,
+    STICKING,
+)
 from snake_sim_ros.contact.linear_problem import Operator
 from snake_sim_ros.contact.newton import make_operator
 from snake_sim_ros.dynamics.articulated_body import Chain
@@ -23,8 +29,9 @@ from snake_sim_ros.scene.obstacles import contact_count, contact_links, is_flat,
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
-# Compliance of the proximal point method, relative to the Delassus operator. It changes no
-# solution. A smaller one brings an iteration closer to the laws, and loses digits to rounding.
+# Compliance of the proximal point method for normal impulses, relative to the Delassus operator.
+# It changes no solution. A smaller one brings an iteration closer to the laws, and loses digits
+# to rounding.
 PROXIMAL = 1e-5
 # Up to so many closed contacts Newton's method forms the Delassus operator; beyond, a sweep over
 # the chain for each iteration takes less time. In steps up to SMALL_STEP it always does: predicted
@@ -74,12 +81,12 @@ class Workspace(NamedTuple):
     contacts: Contacts  # all contacts of the scene, see `contact.problem`
 
 
-def make_model(scene: Scene) -> Model:
-    """Return the model of a scene; its arrays must not be changed."""
+def make_laws(scene: Scene, sticking: float = STICKING) -> Laws:
+    """Return the contact laws of a scene, for a compliance of friction in place of `STICKING`."""
     friction, solver, size = scene.friction, scene.solver, mean_delassus(scene.robot)
-    laws = Laws(
-        sliding=make_disc(1, friction.longitudinal, friction.transversal, PROXIMAL * size),
-        rolling=make_disc(3, friction.rolling, friction.rolling, PROXIMAL * size),
+    return Laws(
+        sliding=make_disc(1, friction.longitudinal, friction.transversal, sticking * size),
+        rolling=make_disc(3, friction.rolling, friction.rolling, sticking * size),
         compliance=solver.normal_compliance * size,
         least_compliance=LEAST_COMPLIANCE * size,
         proximal_compliance=PROXIMAL * size,
@@ -88,12 +95,17 @@ def make_model(scene: Scene) -> Model:
         r_V=solver.r_rolling,
         residual_tolerance=solver.residual_tolerance,
         change_tolerance=solver.tolerance,
-        other=make_other_friction(scene, PROXIMAL * size),
+        other=make_other_friction(scene, sticking * size),
     )
-    gap, path_error = closed_gap(solver.activation_tolerance, scene.dt), path_tolerance(scene)
+
+
+def make_model(scene: Scene) -> Model:
+    """Return the model of a scene; its arrays must not be changed."""
+    solver, path_error = scene.solver, path_tolerance(scene)
+    gap = closed_gap(solver.activation_tolerance, scene.dt)
     return Model(
         robot=make_mechanism(scene),
-        laws=laws,
+        laws=make_laws(scene),
         closed_gap=min(gap, path_error) if path_error else gap,
         dt=scene.dt,
         iteration_limit=solver.iteration_limit,

@@ -19,7 +19,7 @@ from random_states import (
 from scenes import layout, NEWTON, PRINTED, same_bits
 
 from snake_sim_ros import Friction, Report, Scene, Solver, State
-from snake_sim_ros.contact.laws import PRESS_SPEED
+from snake_sim_ros.contact.laws import PRESS_SPEED, STICKING
 from snake_sim_ros.dynamics import force_directions
 from snake_sim_ros.dynamics.articulated_body import (
     articulated_velocity,
@@ -32,7 +32,7 @@ from snake_sim_ros.scene import gait, posture
 from snake_sim_ros.scene.parameters import DRIFT_CORRECTIONS, load_scene, PD_SCHEMES
 from snake_sim_ros.scene.rotations import about, FLAT, H_bar, product, rotation_matrices
 from snake_sim_ros.stepping.methods import empty_history, METHODS
-from snake_sim_ros.stepping.model import make_workspace, PROXIMAL
+from snake_sim_ros.stepping.model import make_workspace
 from snake_sim_ros.stepping.state import initial_state, named_arrays
 
 pytestmark = pytest.mark.long
@@ -345,10 +345,10 @@ def test_solvers_find_the_same_velocities_and_normal_impulses(method, speed, lin
         mu = max(friction.longitudinal, friction.transversal, friction.rolling)
         in_links = np.linalg.norm(to_links, 2) * (left / lowest + mu * left / compliance)
         if method == 'newton':
-            # It solves the links together with laws of a stiffness 1/(1e-5 G) at levers up to half
+            # It solves the links together with laws of a stiffness 1/(1e-6 G) at levers up to half
             # the length L of the robot: elimination rounds by size times condition, of which
             # the least inertia of a link makes L^2/4 stiffness/Theta_3.
-            stiffness = 1 / (PROXIMAL * size)
+            stiffness = 1 / (STICKING * size)
             half = scene.robot.per_link('link_length').sum() / 2
             condition = half**2 * stiffness / scene.robot.per_link('inertia_axial').min()
             rounding = 6 * n * EPS * condition * np.abs(expected.u).max()

@@ -34,14 +34,13 @@ from schemes import check_laws, of_two_states, step_of
 from snake_sim_ros import Friction, Gait, ParameterError, Report, Robot, Scene, Solver, State, Wave
 from snake_sim_ros.contact.closing import closed_gap
 from snake_sim_ros.contact.detection import reach_of_step
-from snake_sim_ros.contact.laws import LEAST_COMPLIANCE
+from snake_sim_ros.contact.laws import LEAST_COMPLIANCE, STICKING
 from snake_sim_ros.dynamics.force_directions import contact_directions, mean_delassus
 from snake_sim_ros.scene.parameters import PD_SCHEMES
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
 from snake_sim_ros.stepping.bdf2.step import IMPLICIT_SCHEMES
 from snake_sim_ros.stepping.methods import METHODS
-from snake_sim_ros.stepping.model import PROXIMAL
 from snake_sim_ros.stepping.state import initial_state
 
 
@@ -228,9 +227,9 @@ def test_velocities_are_those_that_the_impulses_give(method, links):
     )  # fmt: skip
     state, history, stepper = initial_state(scene), empty_history(scene), make_stepper(scene)
     checked = 0
-    # Through the chain impulses are rounded with the stiffness of the laws, eps |gamma|/(1e-5 G):
-    # 1e-11 N s at 0.1 m/s, and the torque of rolling turns a link by L_SC/Theta_3 of it.
-    stiff = EPS * 0.1 / (PROXIMAL * mean_delassus(scene.robot))
+    # Through the chain impulses are rounded with the stiffness of the laws, eps |gamma|/(1e-6 G):
+    # 1e-10 N s at 0.1 m/s, and the torque of rolling turns a link by L_SC/Theta_3 of it.
+    stiff = EPS * 0.1 / (STICKING * mean_delassus(scene.robot))
     turn = scene.robot.contact_radius / scene.robot.inertia_axial
     bound = stiff * turn * 2 * links if method == 'newton' else 1e-10
     for angle, rate in zip(*references(scene, steps), strict=True):

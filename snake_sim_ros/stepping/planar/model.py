@@ -17,7 +17,7 @@ from snake_sim_ros.scene.chain import Capsules
 from snake_sim_ros.scene.obstacles import contact_count, contact_links, first_peg
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, PD_SCHEMES, Robot, Scene
 from snake_sim_ros.scene.posture import chain_coordinates, gaps
-from snake_sim_ros.stepping.model import make_model
+from snake_sim_ros.stepping.model import make_laws, make_model, PROXIMAL
 from snake_sim_ros.stepping.state import Memory, named_arrays
 
 # Share of a contact's stiffness with which the pitch joints hold the robot while loads are found.
@@ -206,7 +206,8 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],
         share=share,
-        laws=spatial.laws._replace(compliance=0.0),
+        # Where loads are found together with friction, stiffer laws converge in fewer steps.
+        laws=make_laws(scene, PROXIMAL)._replace(compliance=0.0),
         dt=dt,
         iteration_limit=scene.solver.iteration_limit,
         path_tolerance=spatial.path_tolerance,

@@ -399,6 +399,24 @@ def test_example_follow_a_path(monkeypatch, capsys, tmp_path):
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
+def test_example_controllers(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    text = example('controllers', monkeypatch, capsys, '--share', 0.1, '--out', tmp_path)
+    assert len(re.findall(r'0\.\d\d m beside the end of a course of 0\.6 m\n', text)) == 2
+    for name in ('steering', 'blending', 'oscillators'):
+        assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_example_compliant(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'compliant.png'
+    text = example('compliant', monkeypatch, capsys, '--duration', 5, '--out', path)
+    found = re.findall(r'm, torques of \d\.\d\d N m at most, (\d\.\d\d) N m', text)
+    alone, compliant = map(float, found)
+    assert compliant < 0.9 * alone
+    assert path.read_bytes().startswith(b'\x89PNG')
+
+
 def test_example_own_controller(monkeypatch, capsys):
     text = example('own_controller', monkeypatch, capsys, '--duration', 1)
     assert re.fullmatch(r't = 1 s: turned by -?\d+\.\d degrees\n', text)

@@ -4,11 +4,15 @@
 
 import itertools
 import math
+import re
+import shlex
 
 from diagnostic_msgs.msg import DiagnosticArray
+from forks import command
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, Twist
 from nav_msgs.msg import Path
 import numpy as np
+from programs import ROOT
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -17,6 +21,7 @@ from rosgraph_msgs.msg import Clock
 from sim_client import SimClient
 from std_msgs.msg import Float64
 
+from snake_sim_ros import PlanarPath
 from snake_sim_ros.nodes.messages import LATCHED, stamp_from
 
 LENGTH = 11 * 0.14  # of the robot [m]
@@ -143,6 +148,16 @@ def test_an_empty_path_stops_the_robot(course):
     course.send()
     course.graph.until(lambda: len(course.steered) > count, 'another stop')
     assert course.steered[-1] == Twist()
+
+
+def test_a_line_of_the_page_sends_a_path(course):
+    page = (ROOT / 'docs/controllers.md').read_text(encoding='utf-8')
+    (line,) = re.findall('^ros2 (topic pub --once /path .+)$', page, re.MULTILINE)
+    process = command(shlex.split(line), course.graph.domain)
+    course.graph.until(lambda: process.popen.poll() is not None, line)
+    assert process.wait() == 0, process.output
+    length = PlanarPath.spline([[0.0, 0.0], [-1.5, -1.5], [-3.0, -1.5]]).length
+    course.says(f'following a path of {length:.4g} m')
 
 
 def test_a_path_from_before_and_poses_that_end(make_graph):

@@ -14,7 +14,7 @@ import time
 
 from forks import command, Forked, run_command
 from geometry_msgs.msg import Twist
-from programs import Process
+from programs import Process, ROOT
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -201,6 +201,14 @@ def test_parameters_are_read_and_written(run, run_all):
     )
     assert refusal.startswith('Setting parameter failed: ') and 'friction.transversal' in refusal
     assert 'Parameter not set: /sim has no parameter nothing' in unknown
+
+
+def test_a_line_of_the_page_blends_gaits(run):
+    page = (ROOT / 'docs/controllers.md').read_text(encoding='utf-8')
+    (line,) = re.findall('^ros2 (param set /gait scene .+)$', page, re.MULTILINE)
+    words = line.split()
+    assert run(*words) == ['Set parameter successful']
+    assert run('param', 'get', *words[2:4]) == [f'String value is: {words[4]}']
 
 
 def test_call(graph, run):

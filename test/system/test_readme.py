@@ -87,14 +87,22 @@ SPAWN = (
     'ros2 service call /sim/spawn_entity simulation_interfaces/srv/SpawnEntity "{name: two, '
     'entity_resource: {uri: snake_robot}, initial_pose: {pose: {position: {y: 1.0, z: 0.0525}}}}"'
 )
+PATH = (
+    'ros2 topic pub --once /path nav_msgs/msg/Path "{header: {frame_id: world}, poses: [{pose: {'
+    'position: {x: 0.0}}}, {pose: {position: {x: -1.5, y: -1.5}}}, {pose: {position: {x: -3.0, '
+    'y: -1.5}}}]}"'
+)
 ELSEWHERE = {
+    PATH: 'test_follow_node.py',
     SPAWN: 'test_simulation_interfaces.py',
     './run demo': 'test_demo.py',
     './run optimize examples/faster_sidewinding.yaml': 'test_optimization.py',
+    './run python examples/learn_goals.py': 'test_environments.py',
     './run record live.mcap': 'test_record.py',
     './run view run.mcap': 'test_viewer.py',
     'ros2 run snake_sim_ros viewer --ros-args -p port:=8081': 'test_viewer.py',
     'colcon build && . install/setup.sh': 'test_installed_layout',
+    'ros2 param set /gait scene turn_in_place': 'test_graph_commands.py',
     'ros2 topic echo /joint_states': 'test_sim_node.py',
     'rosdep install --from-paths . -yi': 'test_package.py',
 }
@@ -172,6 +180,13 @@ def check(line, output, folder):
 
 def test_what_the_commands_of_the_readme_print_is_checked():
     assert set(lines([README])) == {*SHOWN, './run demo', 'colcon build && . install/setup.sh'}
+
+
+def test_the_table_of_controllers_has_commands_of_its_page():
+    page = PAGES[1 + NAMES.index('controllers')]
+    found = re.findall(r'^\| \[.+\) \| .+ \| `(.+)` \|$', page, re.MULTILINE)
+    assert len(found) == 7
+    assert set(found) <= set('\n'.join(blocks('sh', [page])).splitlines())
 
 
 def run(words, folder, environment):

@@ -504,7 +504,7 @@ def iterate(
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
-    relaxation, before = 1.0, 0.0
+    relaxation, before, least = 1.0, 0.0, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
     stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
@@ -520,7 +520,9 @@ def iterate(
             round = Round(CLOSER, inner, CLOSE_ITERATIONS, False)
             most -= HELD_ITERATIONS
         elif held:
-            begin_held(rounds if residual > NEAR else 0, closed, contacts)
+            creeps = residual <= NEAR and residual < CONVERGES * least
+            least = min(least, residual)
+            begin_held(rounds, creeps, closed, contacts)
             anchor_at_iterate(laws, closed, contacts)
             round = Round(HELD, held_tolerance(rounds, tolerance), HELD_ITERATIONS, True)
             fell_back = True
@@ -591,11 +593,15 @@ def end_held(relaxation: float, closed: Array, contacts: Contacts) -> None:
 
 
 @inlined
-def begin_held(rounds: int, closed: Array, contacts: Contacts) -> None:
-    """Return to the end of the last round or, if there was none, hold the present radii."""
+def begin_held(rounds: int, creeps: bool, closed: Array, contacts: Contacts) -> None:
+    """
+    Return to the end of the last round or, before the first one, hold the present radii.
+
+    Where loads creep toward the solution, the present ones are nearer to it than that round.
+    """
     newton = contacts.newton
     for a in closed:
-        if rounds > 0:
+        if rounds > 0 and not creeps:
             for j in range(5):
                 newton.trial[a, j] = newton.saved_trial[a, j]
                 newton.iterate[a, j] = newton.saved_iterate[a, j]

@@ -4,10 +4,12 @@
 How many steps a second environments take, and with what error, for the page on learning.
 
 Snakes of a vector environment step on one thread, with the steps of the physics that the task has
-by default. Actions are those of the gait of the scene, or smooth random ones: sine waves between
-the bounds, of random frequencies up to 0.3 Hz and phases. The error is the distance of the snakes
-from where steps of 1/8000 s of `newton` take them, over the way gone, both rms over the snakes.
-Environments of Gymnasium on MuJoCo step one by one, as they come.
+by default. Actions are those of the gait of the scene; these and smooth random ones, sine waves of
+0.3 of the largest values with random frequencies up to 0.3 Hz and phases; or such waves alone, of
+the largest values. The error is the distance of the snakes from where steps of 1/8000 s of
+`newton` take them, over the way from their start, both rms over the snakes. The same for steps of
+1/4000 s shows how much motions depend on any error. Environments of Gymnasium on MuJoCo step one
+by one, as they come.
 """
 
 from collections.abc import Callable
@@ -25,7 +27,8 @@ from snake_sim_ros.scene.parameters import Array
 NAMES = 'Forward-v0', 'Goal-v0', 'Path-v0', 'Pegs-v0', 'Sidewinding-v0', 'Stairs-v0'
 SNAKES, STEPS, TURNS = 64, 100, 3  # of a vector, and how often it steps in each turn
 JUDGED, LENGTH = 16, 100  # snakes and actions for the error, 4 s
-FINE = 1 / 8000  # [s]
+FINE, LESS_FINE = 1 / 8000, 1 / 4000  # [s]
+NEAR = 0.3  # of the largest values, for actions near those of the gait
 FASTEST = 0.3  # frequency of random actions at most [Hz]
 OF_MUJOCO = 'Swimmer-v5', 'Ant-v5'
 
@@ -72,9 +75,18 @@ def of_gait(env: SnakeVectorEnv) -> Motion:
 def smooth(env: SnakeVectorEnv) -> Motion:
     """Return random actions that change slowly, others for each snake."""
     draws = np.random.default_rng(1)
-    shape = env.action_space.shape
+    shape = env.num_envs, len(env.snakes.actions.low)
     frequency, phase = draws.uniform(0.0, FASTEST, shape), draws.uniform(0.0, 2 * np.pi, shape)
     return lambda t: np.sin(2 * np.pi * frequency * t + phase)
+
+
+def near_gait(env: SnakeVectorEnv) -> Motion:
+    """Return random actions about those of the gait."""
+    middle, added = of_gait(env), smooth(env)
+    return lambda t: (middle(t) + NEAR * added(t)).clip(-1.0, 1.0)
+
+
+MOTIONS = {'gait': of_gait, 'near it': near_gait, 'random': smooth}
 
 
 def rate(env: SnakeVectorEnv, motion: Motion) -> float:
@@ -91,29 +103,28 @@ def rate(env: SnakeVectorEnv, motion: Motion) -> float:
     return STEPS * env.num_envs / best
 
 
-def course(env: SnakeVectorEnv, motion: Motion) -> Array:
-    """Return where the snakes are after each action, shape (LENGTH, count, 2) [m]."""
-    env.reset(seed=0)
-    found = np.zeros((LENGTH, env.num_envs, 2))
-    for k in range(LENGTH):
-        env.step(motion(k * env.snakes.period))
-        found[k] = env.snakes.motion.place
-    return found
-
-
 def rms(way: Array) -> float:
     """Return the root of the mean square of ways (count, 2) over the snakes [m]."""
     return float(np.sqrt((way**2).sum(axis=1).mean()))
 
 
-def error(name: str, motion_of: Callable[[SnakeVectorEnv], Motion]) -> float:
-    """Return how far snakes are off at the end, over the way gone."""
-    usual = made(name, JUDGED, task='forward')  # which no snake ends
-    fine = made(name, JUDGED, task='forward', method='newton', dt=FINE)
-    usual.reset(seed=0)
-    begun = usual.snakes.motion.place
-    found, true = course(usual, motion_of(usual))[-1], course(fine, motion_of(fine))[-1]
-    return rms(found - true) / rms(true - begun)
+def errors(name: str, motion_of: Callable[[SnakeVectorEnv], Motion]) -> list[str]:
+    """Return how far snakes are off at the end, over the way gone; then, in fine steps."""
+    ends = []
+    for settings in ({}, fine(LESS_FINE), fine(FINE)):
+        env = made(name, JUDGED, task='forward', **settings)  # a task that no snake ends
+        env.reset(seed=0)
+        begun, motion = env.snakes.motion.place, motion_of(env)
+        for k in range(LENGTH):
+            env.step(motion(k * env.snakes.period))
+        ends.append(env.snakes.motion.place - begun)
+    *found, true = ends
+    return [f'{rms(end - true) / rms(true):.1%}' for end in found]
+
+
+def fine(dt: float) -> dict[str, Any]:
+    """Return the settings of a run that is compared with."""
+    return {'method': 'newton', 'dt': dt}
 
 
 def rate_of_mujoco(name: str, is_random: bool) -> float:
@@ -134,18 +145,17 @@ def rate_of_mujoco(name: str, is_random: bool) -> float:
 
 def main() -> None:
     """Print the table."""
-    print('| environment | step | gait: steps/s | error | smooth random: steps/s | error |')
-    print('|---|---|---|---|---|---|')
+    heads = (f'{motion}: steps/s | error | of 1/4000 s' for motion in MOTIONS)
+    print(f'| environment | step | {" | ".join(heads)} |')
     for name in NAMES:
         env = made(name, SNAKES)
-        cells = []
-        for motion_of in (of_gait, smooth):
-            cells += [f'{rate(env, motion_of(env)):.0f}', f'{error(name, motion_of):.2%}']
-        step = f'{env.snakes.base.method} 1/{1 / env.snakes.base.dt:.0f} s'
-        print(f'| {name} | {step} | {" | ".join(cells)} |', flush=True)
+        cells = [f'{env.snakes.base.method} 1/{1 / env.snakes.base.dt:.0f} s']
+        for motion_of in MOTIONS.values():
+            cells += [f'{rate(env, motion_of(env)):.0f}', *errors(name, motion_of)]
+        print(f'| {name} | {" | ".join(cells)} |', flush=True)
     for name in OF_MUJOCO:
-        found = (rate_of_mujoco(name, is_random) for is_random in (False, True))
-        print(f'| Gymnasium {name} | | {" | | ".join(f"{each:.0f}" for each in found)} | |')
+        still, random = (rate_of_mujoco(name, is_random) for is_random in (False, True))
+        print(f'Gymnasium {name}: {still:.0f} steps/s with actions of 0, with random {random:.0f}')
 
 
 if __name__ == '__main__':

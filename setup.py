@@ -48,6 +48,8 @@ video = 'imageio-ffmpeg>=0.4.9,<0.7'
 studies = ['polars>=1,<3', 'distributed>=2023.5', 'cma>=4,<5']
 # Environments: the interface that learning libraries agree on, in 1 MB.
 learn = 'gymnasium>=1,<2'
+# The examples of PPO: PyTorch, of which pip takes a build of several GB where none is installed.
+train = 'stable-baselines3>=2.9,<3'
 # The site: Sphinx, which rosdoc2 runs as well, with its theme and pages in Markdown.
 docs = ['sphinx>=7', 'myst-parser>=3', 'sphinx-rtd-theme>=2']
 
@@ -148,6 +150,7 @@ setup(
         'video': [video],
         'studies': studies,
         'learn': [learn],
+        'train': [learn, train],
         'docs': docs,
         'test': [
             'pytest>=7',

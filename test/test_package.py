@@ -30,6 +30,7 @@ INSTALLATION = text('docs/installation.md')
 KEYS = {'PyYAML': 'python3-yaml', 'Pillow': 'python3-pil'}
 OPTIONAL = {'bags', 'learn', 'studies', 'urdf', 'video', 'viewer'}
 SITE = {'docs'}  # only builds the site
+TRAINING = {'train'}  # only for examples; it takes several GB
 # Checks of style, other readers of bags and of URDF files, and what makes the tests faster.
 DEVELOPMENT = {
     'pytest-xdist',
@@ -88,8 +89,8 @@ def test_rosdep_gets_what_runs_and_pictures_need(needed):
 
 
 def test_the_page_on_installation_names_what_rosdep_does_not_get(needed):
-    assert set(needed) == {None, 'plots', 'test', 'jazzy'} | OPTIONAL | SITE
-    for item in set().union(*(needed[extra] for extra in OPTIONAL)):
+    assert set(needed) == {None, 'plots', 'test', 'jazzy'} | OPTIONAL | SITE | TRAINING
+    for item in set().union(*(needed[extra] for extra in OPTIONAL | TRAINING)):
         assert f'`{item}`' in INSTALLATION
     (asked,) = re.findall(r"pip install '\.\[([a-z,]+)\]'` in an environment", INSTALLATION)
     assert set(asked.split(',')) == OPTIONAL

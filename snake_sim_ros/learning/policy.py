@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A policy that was learned in an environment as a controller: in runs, studies, and over ROS."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from snake_sim_ros.controllers.controller import Measured, Reference
 from snake_sim_ros.learning.actions import Torques
 from snake_sim_ros.learning.environment import SnakeEnv
-from snake_sim_ros.learning.tasks import Motion
+from snake_sim_ros.learning.tasks import Goal, Motion
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 
@@ -29,22 +29,32 @@ class PolicyController:
         Returns the action for an observation.
     seed : int, optional
         Of the task.
+    goal : sequence of float, optional
+        Where a task `goal` has its goal, (x, y) [m, frame I]; default: its seed says where.
 
     Raises
     ------
     ParameterError
-        If actions are torques, which a controller does not command.
+        If actions are torques, which a controller does not command, or a goal is not two finite
+        numbers, or of a task that has none.
 
     """
 
     sees_poses = sees_imus = True
 
     def __init__(
-        self, environment: SnakeEnv, policy: Callable[[Array], Array], seed: int = 0
-    ) -> None:
+        self, environment: SnakeEnv, policy: Callable[[Array], Array], seed: int = 0,
+        goal: Sequence[float] | None = None,
+    ) -> None:  # fmt: skip
         if isinstance(environment.snakes.actions, Torques):
             raise ParameterError('a controller commands angles: the policy must not have torques')
+        if goal is not None:
+            if not isinstance(environment.snakes.task, Goal):
+                raise ParameterError('goal: the task of the policy has none')
+            if np.shape(goal) != (2,) or not np.isfinite(goal).all():
+                raise ParameterError(f'goal must be two finite numbers, got {goal}')
         self.snakes, self.policy, self.seed = environment.snakes, policy, seed
+        self.goal = goal
         self.period, self.sees_contacts = self.snakes.period, self.snakes.contacts
 
     def start(self, scene: Scene) -> None:
@@ -62,6 +72,9 @@ class PolicyController:
             snakes.task.progress(self._motion, motion)
         else:
             snakes.task.start(0, motion.of_robot(0), np.random.default_rng(self.seed))
+            if self.goal is not None:
+                assert isinstance(snakes.task, Goal)
+                snakes.task.goal[0] = self.goal
         self._motion = motion
         joints = measured.joint_angle[None], measured.joint_velocity[None]
         force = measured.contact_wrench

@@ -3,6 +3,9 @@
 """The node control moves a simulated robot by controllers of the package and of a user."""
 
 import math
+from pathlib import Path
+import re
+import shlex
 
 import numpy as np
 from offline import nanoseconds
@@ -13,6 +16,7 @@ from sim_client import SimClient
 from snake_sim_ros import Following, PlanarPath
 from snake_sim_ros.scene.parameters import load_scene
 
+ROOT = Path(__file__).resolve().parents[2]
 OWN = """
 import numpy as np
 
@@ -123,6 +127,25 @@ def test_controller_feels_contacts_and_inertial_units(sim, tmp_path):
     sim.graph.until(
         lambda: sim.commanded and min(sim.commanded[-1].position[::2]) > 0.29, 'the bend'
     )
+    assert state(sim) == 'in control'
+
+
+def test_network_of_the_page_reaches_its_goal(sim, monkeypatch):
+    """The command on the page on learning, with a goal that is reached in about 5 s."""
+    pytest.importorskip('gymnasium')
+    page = (ROOT / 'docs' / 'learning.md').read_text(encoding='utf-8')
+    (given,) = re.findall(r'^./run control --ros-args (.*goal_policy.*)$', page, re.MULTILINE)
+    name, goal = (word for word in shlex.split(given) if word.startswith('controller'))
+    assert goal == 'controller.goal:=[1.5, 1.0]'
+    monkeypatch.chdir(ROOT)
+    sim.control(name, 'controller.goal:=[0.8, 0.5]')
+
+    def distance():
+        poses = sim.link_poses[-1].poses
+        place = np.mean([(each.position.x, each.position.y) for each in poses], axis=0)
+        return np.hypot(*(place - (0.8, 0.5)))
+
+    sim.graph.until(lambda: distance() < 0.15, 'the goal')
     assert state(sim) == 'in control'
 
 

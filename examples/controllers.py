@@ -142,7 +142,6 @@ def draw_oscillators(share: float) -> Figure:
     moved = run(
         'lateral_undulation',
         controller=ChangedOscillators(changes),
-        start={'yaw': 0.0},  # as the oscillators begin
         duration=20.0 * share,
     )
     print(f'oscillators: {moved.distance:.2f} m')

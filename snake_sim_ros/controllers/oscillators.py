@@ -27,6 +27,7 @@ from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import amplitudes, Gait
 from snake_sim_ros.scene.parameters import Array, Scene
+from snake_sim_ros.scene.posture import initial_angles
 
 LONGEST_STEP = 0.02  # of the integration, which then is off by less than 1e-6 rad [s]
 
@@ -60,11 +61,12 @@ class CentralPatternGenerator:
         self.coupling, self.gain, self.period = coupling, gain, period
 
     def start(self, scene: Scene) -> None:
-        """Begin anew: all angles 0, and the phases of the gait of a scene."""
+        """Begin anew: at the angles of a scene at its start, with the phases of its gait."""
         self.robot, joints = scene.robot, scene.robot.link_count - 1
         self._state = np.zeros((9, joints, 2))
         self.change(scene.gait)
         self._state[[0, 5, 7]] = self._target[[3, 2, 3]]
+        self._state[3] = initial_angles(scene)  # offsets, as amplitudes are 0
 
     def change(self, gait: Gait) -> None:
         """

@@ -211,13 +211,25 @@ def _chain_coordinates(robot: Robot, angle: Array) -> Array:
     return q
 
 
+def initial_angles(scene: Scene) -> Array:
+    """
+    Return the joint angles (yaw, pitch) at the start of a scene, shape (n-1, 2) [rad].
+
+    They are those of the gait at t = 0, unless `scene.start` has others.
+    """
+    angle, _ = gait.reference(scene.gait, 0.0, scene.robot.link_count - 1)
+    for axis, given in enumerate((scene.start.yaw, scene.start.pitch)):
+        if given is not None:
+            angle[:, axis] = given
+    return angle
+
+
 def initial_coordinates(scene: Scene) -> Array:
     """
     Return the coordinates at the start of a scene, shape (n, 7).
 
-    Joints without an angle in `scene.start` have those of the gait at t = 0. By default, the
-    centroid of the links is above the origin, their principal axis is along e_x of I, and the
-    lowest sphere touches the ground.
+    Joints have their `initial_angles`. By default, the centroid of the links is above the origin,
+    their principal axis is along e_x of I, and the lowest sphere touches the ground.
 
     Raises
     ------
@@ -225,11 +237,7 @@ def initial_coordinates(scene: Scene) -> Array:
         If a link is inside a peg or inside another link.
 
     """
-    angle, _ = gait.reference(scene.gait, 0.0, scene.robot.link_count - 1)
-    start = scene.start
-    for axis, given in enumerate((start.yaw, start.pitch)):
-        if given is not None:
-            angle[:, axis] = given
+    angle, start = initial_angles(scene), scene.start
     found, lowest = _centered_coordinates(scene.robot, angle.tobytes())
     q = found.copy()
     if start.tilt != 0.0:

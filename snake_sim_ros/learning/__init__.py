@@ -23,16 +23,18 @@ EPISODE = 500  # control periods of an episode: 20 s at 25 Hz
 GAIT = {'action': 'gait', 'method': 'bdf2', 'dt': 1 / 50}
 # Name -> arguments of `SnakeEnv`.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    'snake_sim_ros/Forward-v0': {'task': 'forward', 'dt': 1 / 500},
+    'snake_sim_ros/Forward-v0': {'task': 'forward', 'dt': 1 / 125},
     'snake_sim_ros/Goal-v0': {'task': 'goal', **GAIT},
     'snake_sim_ros/Path-v0': {'task': 'path', **GAIT},
     'snake_sim_ros/Pegs-v0': {
         'task': 'forward',
         'scene': 'obstacle_aided',
         'action': 'residual',
+        'method': 'bdf2',
+        'dt': 1 / 100,
     },
     'snake_sim_ros/Sidewinding-v0': {'task': 'goal', 'scene': 'sidewinding', **GAIT},
-    'snake_sim_ros/Stairs-v0': {'task': 'sideways', 'scene': 'stairs', 'action': 'gait'},
+    'snake_sim_ros/Stairs-v0': {'task': 'sideways', 'scene': 'stairs', **GAIT, 'dt': 1 / 100},
 }
 
 for name, values in ENVIRONMENTS.items():

@@ -137,6 +137,7 @@ class Entry(Function):
         super().__init__(function, kind)
         self.codes: dict[tuple[Any, ...], int] = {}  # addresses of the machine code
         self._calls: dict[tuple[Any, ...], tuple[struct.Struct, Call]] = {}
+        self._last: dict[int, tuple[Any, Any, list[Any]]] = {}  # by place, see `_read`
         self._gives: Any = function.__annotations__.get('return')
         self._result: Any = ctypes.c_double if self._gives is float else ctypes.c_int64
 
@@ -155,7 +156,7 @@ class Entry(Function):
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code with numbers, C-contiguous arrays, and tuples of them."""
         words: list[Any] = []
-        kinds = tuple([kind_of(argument, words) for argument in arguments])
+        kinds = tuple([self._read(k, part, words) for k, part in enumerate(arguments)])
         if kinds not in self._calls:
             self._calls[kinds] = layout_of(kinds), CALL(self.code_for(kinds))
         layout, call = self._calls[kinds]
@@ -164,6 +165,17 @@ class Entry(Function):
         if self._gives is None:
             return None
         return bool(value.value) if self._gives is bool else value.value
+
+    def _read(self, k: int, argument: Any, words: list[Any]) -> Any:
+        """Append the words of argument k; return its kind. A record that stays is read once."""
+        if type(argument) in (np.ndarray, tuple) or not isinstance(argument, tuple):
+            return kind_of(argument, words)
+        last = self._last.get(k)
+        if not (last and last[0] is argument):
+            found: list[Any] = []
+            last = self._last[k] = argument, kind_of(argument, found), found
+        words.extend(last[2])
+        return last[1]
 
 
 def entry(function: F) -> F:

@@ -171,8 +171,8 @@ class Batch:
         simulation, found = self._simulations[i], self._in_place[i]
         if not found:
             return simulation.scene, simulation.state, simulation.history
-        steps, end = found[0].steps, found[0].end
-        return simulation.scene, end.state(steps), end.history(steps)
+        place = found[0]
+        return simulation.scene, place.read_state(), place.end.history(place.steps)
 
     def put(self, i: int, simulation: Simulation) -> None:
         """Put a simulation in the place of another one, or one that has changed."""

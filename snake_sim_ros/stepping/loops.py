@@ -117,7 +117,7 @@ class LoopStepper:
 class End(NamedTuple):
     """What a stepper makes of the end of a loop. State and history are copies."""
 
-    state: Callable[[Steps], State]  # q and u as links in space
+    state: Callable[[Steps], Callable[[], State]]  # what reads q and u as links in space
     history: Callable[[Steps], History]  # with the memory of the level
     # What `show` takes to fill q (n, 7) and u (n, 6) of a `State`.
     shown: Callable[[Steps, Array, Array], tuple[Any, ...]]
@@ -231,6 +231,7 @@ class StepsInPlace:
         self.begin = BoundCall(begin_next, Block(self.following))
         self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
         self.end, self.left, self.pause_ends = end, '', -math.inf
+        self.read_state = end.state(self.steps)
         self.given_state: Given | None = None
         self.given_history: Given | None = None
 
@@ -276,7 +277,7 @@ class StepsInPlace:
     def state(self) -> State:
         """The state after the last step, as the stepper returns it."""
         if not self.given_state:
-            state = self.end.state(self.steps)
+            state = self.read_state()
             self.given_state = Given(state, (state.q, state.u))
         return cast(State, self.given_state.record)
 

@@ -198,8 +198,10 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
     def control(simulation: 'Simulation') -> Reference:
         nonlocal before
-        joints = simulation.joint_angle, simulation.joint_velocity, simulation.joint_torque
-        measured, state = Measured(*joints), simulation.state
+        robot, state = scene.robot, simulation.state
+        angle, rate = joint_motion(robot, state.q[None], state.u[None])
+        joints = robot.by_axis(angle[0]), robot.by_axis(rate[0]), simulation.joint_torque
+        measured = Measured(*joints)
         if sees(controller, 'poses'):
             measured = replace(measured, position=state.q[:, :3], orientation=state.q[:, 3:])
         if sees(controller, 'contacts'):

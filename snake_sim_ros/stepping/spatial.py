@@ -66,7 +66,7 @@ class SpatialStepper(LoopStepper):
     ) -> StepsInPlace:  # fmt: skip
         """Return steps that continue from a state and its history; see `StepsInPlace`."""
         end = End(
-            state=lambda steps: State(steps.q.copy(), steps.u.copy()),
+            state=lambda steps: lambda: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
             shown=lambda steps, links, velocities: InSpace(steps.q, steps.u, links, velocities),
         )

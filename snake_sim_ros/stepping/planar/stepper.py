@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
-from snake_sim_ros.dynamics.records import entry, Loop
+from snake_sim_ros.dynamics.records import Block, BoundCall, entry, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
@@ -265,8 +265,19 @@ class PlanarStepper(LoopStepper):
             self.remember(history.memory, steps.q, steps.u, tilt)
             return history
 
+        def in_space(steps: Steps) -> Callable[[], State]:
+            links, velocities = np.empty(state.q.shape), np.empty(state.u.shape)
+            given = self.joints, (steps.q, steps.u, tilt), height, links, velocities
+            call = BoundCall(to_space, *map(Block, given))
+
+            def read() -> State:
+                call()
+                return State(links.copy(), velocities.copy())
+
+            return read
+
         end = End(
-            lambda steps: self.in_space(steps.q, steps.u, tilt, height),
+            in_space,
             remembered,
             lambda steps, *filled: InPlane(*self.joints, steps.q, steps.u, tilt, height, *filled),
         )

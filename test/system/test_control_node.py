@@ -113,11 +113,14 @@ def test_controller_of_a_user_moves_the_robot_and_its_errors_hold_it(sim, tmp_pa
     way = 0.3 + load_scene('lateral_undulation').gait.yaw.amplitude
     assert np.abs(angles[-1] - angles[0]).max() > 0.02  # its begin may come before it is heard
     assert (np.abs(np.diff(angles, axis=0)) <= 1.5 * way * times[:, None] + 1e-6).all()
-    sim.reset()
-    sim.graph.until(
-        lambda: node.count('since the robot was put back') + node.count('since time went back'),
-        'another begin',
-    )
+    # Where joint_states are some hundredths of a second apart, as on a busy machine, what puts the
+    # robot back looks like a motion.
+    for _ in range(10):
+        sim.reset()
+        sim.graph.spin(1.0)
+        if node.count('since the robot was put back'):
+            return
+    pytest.fail(f'no reset was noticed: {node.lines}')
 
 
 def test_controller_feels_contacts_and_inertial_units(sim, tmp_path):

@@ -206,7 +206,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         roll_compliance=hold / (stiffest * dt),
         fall=dt * scene.gravity[2],
         share=share,
-        # Where loads are found together with friction, stiffer laws converge in fewer steps.
+        # Loads are found together with friction here: with stiffer laws fewer steps converge.
         laws=make_laws(scene, PROXIMAL)._replace(compliance=0.0),
         dt=dt,
         iteration_limit=scene.solver.iteration_limit,

@@ -198,10 +198,8 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
     def control(simulation: 'Simulation') -> Reference:
         nonlocal before
-        robot, state = scene.robot, simulation.state
-        angle, rate = joint_motion(robot, state.q[None], state.u[None])
-        joints = robot.by_axis(angle[0]), robot.by_axis(rate[0]), simulation.joint_torque
-        measured = Measured(*joints)
+        state = simulation.state
+        measured = Measured(*simulation.joint_motion(), simulation.joint_torque)
         if sees(controller, 'poses'):
             measured = replace(measured, position=state.q[:, :3], orientation=state.q[:, 3:])
         if sees(controller, 'contacts'):

@@ -313,20 +313,20 @@ class Simulation:
     @property
     def joint_angle(self) -> Array:
         """Angles of the joint axes, in the order of `scene.robot.axis_names`, (axes,) [rad]."""
-        return self._joint_motion()[0]
+        return self.joint_motion()[0]
 
     @property
     def joint_velocity(self) -> Array:
         """Rates of the joint axes, shape (axes,) [rad/s]."""
-        return self._joint_motion()[1]
+        return self.joint_motion()[1]
 
     @property
     def joint_torque(self) -> Array:
         """Torques of the joint axes in the last step, shape (axes,) [N m]."""
         return self.scene.robot.by_axis(self.last.joint_torque)
 
-    def _joint_motion(self) -> tuple[Array, Array]:
-        """Return angles and rates of the joint axes, shape (axes,)."""
+    def joint_motion(self) -> tuple[Array, Array]:
+        """Return `joint_angle` and `joint_velocity` for the work of one of them."""
         robot, state = self.scene.robot, self.state
         angle, rate = joint_motion(robot, state.q[None], state.u[None])
         return robot.by_axis(angle[0]), robot.by_axis(rate[0])

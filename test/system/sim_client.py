@@ -140,3 +140,7 @@ class SimClient:
         count = len(self.diagnostics)
         self.graph.until(lambda: len(self.diagnostics) > count, '/diagnostics')
         return {item.key: item.value for item in self.diagnostics[-1].status[0].values}
+
+    def wait_for_value(self, key, value):
+        """Wait until /diagnostics has a value; a message may be older than what was just sent."""
+        self.graph.until(lambda: self.values()[key] == value, f'{key} = {value} in /diagnostics')

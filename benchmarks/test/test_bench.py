@@ -87,7 +87,7 @@ class Sliding:
             samples.add(k, State(at, state.u), history, report.joint_torque, self.dt)
         return State(q, state.u), history, report
 
-    def in_place(self, count, state, history, pushes):
+    def in_place(self, count, state, history, pushes, every=0):
         return None
 
 

@@ -211,9 +211,13 @@ class Stepper(Protocol):
         ...
 
     def in_place(
-        self, count: int, state: State, history: History, pushes: PushTable
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0
     ) -> 'StepsInPlace | None':
-        """Return calls of some steps that continue the last one; None if there are none."""
+        """
+        Return calls of some steps that continue the last one; None if there are none.
+
+        They keep a sample after `every` steps, which divides `count`; none if it is 0.
+        """
         ...
 
 

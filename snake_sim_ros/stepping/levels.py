@@ -307,7 +307,7 @@ class LevelStepper:
         return '' if self.planar.goes_on(state, memory) else what_does_not_lie(self.scene, state)
 
     def in_place(
-        self, count: int, state: State, history: History, pushes: PushTable
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0
     ) -> StepsInPlace | None:
         """Return steps that continue the last call; None if the level changed in it."""
         memory, is_planar = history.memory, history.settling[0] <= 0
@@ -317,11 +317,11 @@ class LevelStepper:
         own = history._replace(memory=getattr(memory, level))
         found: StepsInPlace | None
         if is_planar:
-            found = self.planar.in_place(count, state, own, pushes)
+            found = self.planar.in_place(count, state, own, pushes, every)
         else:
             pauses = history.settling[0] > self.settle_steps
             pitch = NO_PITCH if self.spatial.model.settle_steps or pauses else PITCH
-            found = self.spatial.in_place(count, state, own, pushes, pitch)
+            found = self.spatial.in_place(count, state, own, pushes, every, pitch)
             if pauses:
                 found.pause_ends = self.settle_steps
         if not found:
@@ -431,10 +431,10 @@ class FlatStepper:
         return state, history, report
 
     def in_place(
-        self, count: int, state: State, history: History, pushes: PushTable
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0
     ) -> StepsInPlace | None:
         """Return steps that continue from a state and its history; see `StepsInPlace`."""
-        return self.planar.in_place(count, state, history, pushes)
+        return self.planar.in_place(count, state, history, pushes, every)
 
 
 def stepper_of_level(scene: Scene, method: Method) -> Stepper:

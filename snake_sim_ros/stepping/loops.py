@@ -70,13 +70,12 @@ class LoopStepper:
     """
 
     level: str
-    no_record: Record
 
     def __init__(
         self, scene: Scene, loop: Callable[..., None], model: 'Model | PlanarModel',
         work: 'Workspace | PlanarWorkspace', memory: Memory | None,
     ) -> None:  # fmt: skip
-        self.loop, self.model, self.work = loop, model, work
+        self.scene, self.loop, self.model, self.work = scene, loop, model, work
         self.empty = empty_history(scene, memory)
         self.returned = Returned(scene.robot.link_count, self.empty)
         self.no_samples = make_samples(scene, 0, 0)
@@ -107,6 +106,10 @@ class LoopStepper:
         """Advance with checked arguments, of which the history is changed in place."""
         raise NotImplementedError
 
+    def record_of(self, kept: Samples) -> Record:
+        """Return what a loop keeps for samples, in their memory where it can."""
+        raise NotImplementedError
+
     def run_loop(self, steps: Steps) -> Report:
         """Run the loop over steps, which it changes in place."""
         self.loop(self.model, self.work, steps)
@@ -121,6 +124,7 @@ class End(NamedTuple):
     history: Callable[[Steps], History]  # with the memory of the level
     # What `show` takes to fill q (n, 7) and u (n, 6) of a `State`.
     shown: Callable[[Steps, Array, Array], tuple[Any, ...]]
+    filled: Callable[[Steps, Samples], Callable[[], object]]  # what fills samples from the record
 
 
 @Dispatched
@@ -132,6 +136,7 @@ class Calls(NamedTuple):
     """What the calls are like that continue in place."""
 
     steps: int  # of a call
+    every: int  # steps from one sample to the next, which divides them; 0: no samples
     pushes: PushTable  # whose clock the steps follow
     pitch: int  # steps that the loop takes: ANY_PITCH, NO_PITCH or PITCH
 
@@ -218,9 +223,12 @@ class StepsInPlace:
         views = {name: part.reshape(array.shape) for (name, array), part in parts}
         self.shape = (calls.steps, len(u) - 1, 2)
         reference = np.zeros(self.shape), np.zeros(self.shape)
+        self.rows = calls.steps // calls.every if calls.every else 0
+        self.kept = make_samples(stepper.scene, calls.every, self.rows)
+        self.kept.is_planar[:] = stepper.level == 'planar'
         self.steps = make_steps(
             (views['q'], views['u']), with_arrays(history, views), reference,
-            stepper.no_record, calls.pushes,
+            stepper.record_of(self.kept), calls.pushes,
         )  # fmt: skip
         self.angle, self.rate = self.steps.angle, self.steps.rate
         self.level, self.dt, self.applied = stepper.level, stepper.model.dt, stepper.work.applied
@@ -231,23 +239,25 @@ class StepsInPlace:
         self.begin = BoundCall(begin_next, Block(self.following))
         self.loop = stepper.loop.bound(stepper.model, stepper.work, self.steps)
         self.end, self.left, self.pause_ends = end, '', -math.inf
-        self.read_state = end.state(self.steps)
+        self.read_state, self.fill = end.state(self.steps), end.filled(self.steps, self.kept)
         self.given_state: Given | None = None
         self.given_history: Given | None = None
 
-    def take(self, angle: Array, rate: Array, pushes: PushTable) -> Report | None:
+    def take(
+        self, angle: Array, rate: Array, pushes: PushTable, samples: Samples | None = None
+    ) -> Report | None:
         """
         Take steps, and return their report; None, without a step, if one is not like the last.
 
         Nothing is checked but that the references, as in `base.Stepper.advance`, are those of as
-        many steps, and that state and history are not changed from outside. The caller takes all
-        other steps, and says what is wrong with them.
+        many steps, that the samples are as many, and that state and history are not changed from
+        outside. The caller takes all other steps, and says what is wrong with them.
         """
         if not (type(angle) is type(rate) is np.ndarray and angle.dtype is rate.dtype is FLOAT):
             return None
         if not angle.shape == rate.shape == self.shape:
             return None
-        if pushes is not self.steps.pushes:
+        if pushes is not self.steps.pushes or not self.keeps(samples):
             return None
         for given in (self.given_state, self.given_history):
             if given and given.is_changed():
@@ -263,9 +273,22 @@ class StepsInPlace:
                 if self.pause_ends > -math.inf:
                     settling[0] -= count
                 self.given_state = self.given_history = None
+                if samples:
+                    self.fill()
+                    for array, own in zip(samples[2:], self.kept[2:], strict=True):
+                        array[: self.rows] = own
                 return report
             self.block[...] = self.before
         return None
+
+    def keeps(self, samples: Samples | None) -> bool:
+        """Return whether calls keep such samples."""
+        if samples is None:
+            return not self.rows
+        return samples[:2] == self.kept[:2] and all(
+            len(array) >= self.rows and array.shape[1:] == own.shape[1:] and array.flags.writeable
+            for array, own in zip(samples[2:], self.kept[2:], strict=True)
+        )
 
     def prepare(self) -> None:
         """Compile the steps, by some that are not taken."""

@@ -260,7 +260,7 @@ class Portions:
             every = every.until(self.done - done)
             self.samples.after(done).take(every)
             self.joint_steps.append(joint_rows(simulation.scene.robot, every))
-        elif self.command:
+        elif self.command and not self._is_whole(len(reference[0])):
             simulation.advance(*reference)  # in place, up to the next sample at most
             self._add_sample()
         else:
@@ -281,13 +281,19 @@ class Portions:
         simulation = self.simulation
         if not self.command:
             return simulation.gait_reference(most)
-        period, every, done = self.command.period, self.samples.every, self.done
-        age = done % period
+        period, every = self.command.period, self.samples.every
+        age = self.done % period
         if age == 0:
             self._commanded = self.command.control(simulation)(simulation.midpoints(period))
-        last = age + min(most, period - age, every - done % every)
+        count = min(most, period - age)
+        if not self._is_whole(count):
+            count = min(count, every - self.done % every)
         angle, rate = self._commanded
-        return angle[age:last], rate[age:last]
+        return angle[age : age + count], rate[age : age + count]
+
+    def _is_whole(self, count: int) -> bool:
+        """Return whether so many steps begin and end at samples."""
+        return self.done % self.samples.every == count % self.samples.every == 0
 
     def _add_sample(self) -> None:
         """Keep the present state if it is a sample."""

@@ -367,22 +367,30 @@ class Simulation:
             return self.report
         rate = np.zeros(np.shape(angle)) if rate is None else rate
         pushes = self.pushes.at(self.step_count)
-        going_on = self._in_place if samples is None and not self.budget.share else None
-        last = going_on.take(angle, rate, pushes) if going_on else None
+        going_on = None if self.budget.share else self._in_place
+        last = going_on.take(angle, rate, pushes, samples) if going_on else None
         if not last:
             last = self._taken(angle, rate, samples, pushes)
         count = len(angle)
         goes_on = last.steps == self.last.steps == count > 0 and not self._in_place
         self._noted(last)
-        if goes_on and samples is None and not self.budget.share:
-            self.go_on_in_place(count)
+        every = samples.every if samples else 0
+        # Long calls with samples are few, and those whose first sample is another are not alike.
+        is_alike = not samples or (samples.first == every and count <= AHEAD)
+        if goes_on and is_alike and not self.budget.share:
+            self.go_on_in_place(count, every)
         return last
 
-    def go_on_in_place(self, count: int) -> StepsInPlace | None:
-        """Let calls of so many steps continue the last one in place; return them if they can."""
-        if not (self._in_place or self.given or self.last.failure):
+    def go_on_in_place(self, count: int, every: int = 0) -> StepsInPlace | None:
+        """
+        Let calls of so many steps continue the last one in place; return them if they can.
+
+        They keep a sample after `every` steps if that divides `count`; none if it is 0.
+        """
+        divides = not every or count % every == 0
+        if divides and not (self._in_place or self.given or self.last.failure):
             now = self._state, self._history, self.pushes.at(self.step_count)
-            self._in_place = self.stepper.in_place(count, *now)
+            self._in_place = self.stepper.in_place(count, *now, every)
         return self._in_place
 
     def _taken(

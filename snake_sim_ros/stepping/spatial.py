@@ -11,6 +11,7 @@ from snake_sim_ros.stepping.base import Inputs, Report
 from snake_sim_ros.stepping.loops import ANY_PITCH, Calls, End, LoopStepper, show, StepsInPlace
 from snake_sim_ros.stepping.model import make_model, make_workspace, Model
 from snake_sim_ros.stepping.pushes import PushTable
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import copied, History, Memory, State
 from snake_sim_ros.stepping.steps import copy_numbers, make_steps, Record
 
@@ -42,7 +43,6 @@ class SpatialStepper(LoopStepper):
         self, scene: Scene, loop: Callable[..., None], memory: Memory | None = None
     ) -> None:
         super().__init__(scene, loop, make_model(scene), make_workspace(scene), memory)
-        self.no_record = Record(*self.no_samples[:-1])
 
     def watch(self, settle_steps: int) -> None:
         """Let `advance` end once the robot has lain flat and still for that number of steps."""
@@ -54,14 +54,18 @@ class SpatialStepper(LoopStepper):
     ) -> tuple[State, History, Report]:
         """Advance with checked arguments, of which the history is changed in place."""
         angle, rate, samples, pushes = inputs
-        start, record = (state.q.copy(), state.u.copy()), Record(*samples[:-1])
+        start, record = (state.q.copy(), state.u.copy()), self.record_of(samples)
         steps = make_steps(start, history, (angle, rate), record, pushes)
         report = self.run_loop(steps)
         history = self.empty_history() if report.failure else steps.history
         return State(steps.q, steps.u), history, report
 
+    def record_of(self, kept: Samples) -> Record:
+        """Return what the loop keeps: the samples themselves."""
+        return Record(*kept[:-1])
+
     def in_place(
-        self, count: int, state: State, history: History, pushes: PushTable,
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0,
         pitch: int = ANY_PITCH,
     ) -> StepsInPlace:  # fmt: skip
         """Return steps that continue from a state and its history; see `StepsInPlace`."""
@@ -69,5 +73,7 @@ class SpatialStepper(LoopStepper):
             state=lambda steps: lambda: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
             shown=lambda steps, links, velocities: InSpace(steps.q, steps.u, links, velocities),
+            filled=lambda steps, kept: lambda: None,
         )
-        return StepsInPlace(self, Calls(count, pushes, pitch), (state.q, state.u), history, end)
+        calls = Calls(count, every, pushes, pitch)
+        return StepsInPlace(self, calls, (state.q, state.u), history, end)

@@ -279,7 +279,9 @@ class DenseStepper:
                 samples.add(report.steps - 1, *kept)
         return state, history, report
 
-    def in_place(self, count: int, state: State, history: History, pushes: PushTable) -> None:
+    def in_place(
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0
+    ) -> None:
         """Return None: `advance` takes all steps."""
 
     def step(

@@ -501,5 +501,5 @@ def test_an_index_beyond_an_array_is_an_error(method):
         stepper.loop(
             stepper.model,
             stepper.work,
-            make_steps(*steps, stepper.no_record),
+            make_steps(*steps, stepper.record_of(stepper.no_samples)),
         )

@@ -12,18 +12,21 @@ from snake_sim_ros import ParameterError, Simulation, State
 from snake_sim_ros.dynamics.compilation import watched
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 from snake_sim_ros.stepping.methods import make_stepper, METHODS
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import GaitAhead
 
 CASE_A, CASE_C = load_scene('lateral_undulation'), load_scene('sidewinding')
+SAMPLES = make_samples(CASE_A, 2, 1)
 each_method = pytest.mark.parametrize('method', METHODS)
 
 
-def some_by_some(simulation, angle, rate, count=1):
+def some_by_some(simulation, angle, rate, count=1, samples=None):
     """Take steps, some in a call, in slices that are views; return how many went on in place."""
     in_place = 0
     for k in range(0, len(angle), count):
         before = simulation._in_place
-        simulation.advance(angle[k : k + count], rate[k : k + count])
+        part = samples.after(k) if samples and k < samples.every * len(samples.span) else None
+        simulation.advance(angle[k : k + count], rate[k : k + count], part)
         in_place += count if before is not None and simulation._in_place is before else 0
         if simulation.last.failure:
             break
@@ -65,6 +68,48 @@ def test_some_steps_in_each_call_are_the_steps_of_one_call(method, level, count)
     are_same(single, whole)
     if method in ('newton', 'bdf2') or level == 'spatial':
         assert share > 0.9
+
+
+@pytest.mark.parametrize(('count', 'every'), [(1, 1), (6, 2), (5, 5)])
+@each_method
+@pytest.mark.parametrize('level', ['planar', 'spatial', 'auto'])
+def test_samples_are_those_of_one_call(method, level, count, every):
+    settings = {'level': level, 'settling_time': 0.02, 'solver.iteration_limit': 50}
+    scene = with_settings(CASE_A, {'method': method, 'dt': 1e-3, **settings})
+    lifts = [(50, 56)] if level == 'auto' else []
+    angle, rate = lifted(scene, 120, lifts)
+    single, whole = Simulation(scene), Simulation(scene)
+    # The last steps have no samples any more.
+    found, wanted = (make_samples(scene, every, 110 // every) for _ in range(2))
+    share = some_by_some(single, angle, rate, count, found) / 120
+    whole.advance(angle, rate, wanted)
+    are_same(single, whole)
+    assert all(map(np.array_equal, found, wanted))
+    assert found.is_planar.any() == (level != 'spatial' and METHODS[method].planar is not None)
+    if method in ('newton', 'bdf2') or level == 'spatial':
+        assert share > 0.5
+
+
+def test_samples_and_none_of_them_take_turns():
+    scene = with_settings(CASE_A, {'dt': 1e-3})
+    angle, rate = references(scene, 60)
+    mixed, whole = Simulation(scene), Simulation(scene)
+    for k in range(0, 60, 2):
+        samples = SAMPLES if k // 8 % 2 else None
+        some_by_some(mixed, angle[k : k + 2], rate[k : k + 2], 2, samples)
+    whole.advance(angle, rate)
+    are_same(mixed, whole)
+    assert (SAMPLES.u[0] == whole.state.u).all()
+
+
+def test_samples_of_another_scene_are_refused_without_a_step():
+    simulation = Simulation(CASE_A)
+    angle, rate = references(CASE_A, 5)
+    some_by_some(simulation, angle, rate, 1, make_samples(CASE_A, 1, 5))
+    other = make_samples(with_settings(CASE_A, {'robot.link_count': 5}), 1, 1)
+    with pytest.raises(ParameterError, match=r'samples\.q must be an array \(1, 11, 7\)'):
+        simulation.advance(angle[:1], rate[:1], other)
+    assert simulation.step_count == 5
 
 
 @pytest.mark.parametrize('count', [1, 4])

@@ -24,6 +24,7 @@ from snake_sim_ros.stepping.planar.model import (
     PlanarWorkspace,
 )
 from snake_sim_ros.stepping.pushes import NO_PUSHES, PushTable
+from snake_sim_ros.stepping.samples import Samples
 from snake_sim_ros.stepping.state import copied, History, Memory, State
 from snake_sim_ros.stepping.steps import make_steps, Record, Steps
 
@@ -197,8 +198,6 @@ class PlanarStepper(LoopStepper):
         inertia = scene.robot.chain.inertia
         self.uneven = inertia[:, 0, 0] - inertia[:, 1, 1]  # about the axes e_x and e_y of a link
         self.made = np.empty((n, 7)), np.empty((n, 6))  # see is_recalled
-        none = np.empty((0, n + 2)), np.empty((0, n, 3))
-        self.no_record = Record(0, 0, *none, *self.no_samples[4:-1])
 
     def take_steps(
         self, state: State, history: History, inputs: Inputs
@@ -207,11 +206,8 @@ class PlanarStepper(LoopStepper):
         angle, rate, kept, pushes = inputs
         goes_on = self.goes_on(state, history.memory)
         q, u, tilt = self.coordinates(state, history.memory, goes_on)
-        count = kept.reached_by(len(angle))
-        record = Record(
-            kept.every, kept.first, np.empty((count, len(q))), np.empty((count, *u.shape)),
-            *kept[4:-1],
-        )  # fmt: skip
+        kept = kept.until(len(angle))
+        record = self.record_of(kept)
         steps = make_steps((q, u), history, (angle, rate), record, pushes)
         report = self.run_loop(steps)
         if steps.report['not_planar'][0]:
@@ -222,13 +218,19 @@ class PlanarStepper(LoopStepper):
             return state, history, report
         height = self.heights(state)
         end = self.in_space(q, u, tilt, height)
-        if count:
+        if len(kept.q):
             reached = kept.reached_by(report.steps)
             planar = record.q, record.u, tilt
             samples_to_space(self.joints, planar, height, reached, kept.q, kept.u)
             kept.is_planar[:reached] = True
         self.remember(history.memory, q, u, tilt)
         return end, history, report
+
+    def record_of(self, kept: Samples) -> Record:
+        """Return what the loop keeps for samples, with coordinates in the plane."""
+        m, n = kept.q.shape[:2]
+        planar = np.empty((m, n + 2)), np.empty((m, n, 3))
+        return Record(kept.every, kept.first, *planar, *kept[4:-1])
 
     def in_space(self, q: Array, u: Array, tilt: Array, height: Array) -> State:
         """Return the state of the links, see `to_space`."""
@@ -241,7 +243,7 @@ class PlanarStepper(LoopStepper):
         return state.q[:, 2].copy() if self.keeps_tilts else self.model.heights
 
     def in_place(
-        self, count: int, state: State, history: History, pushes: PushTable
+        self, count: int, state: State, history: History, pushes: PushTable, every: int = 0
     ) -> StepsInPlace | None:
         """
         Return steps that continue from a state and its history; see `StepsInPlace`.
@@ -251,10 +253,11 @@ class PlanarStepper(LoopStepper):
         if not (isinstance(self.loop, Loop) and self.goes_on(state, history.memory)):
             return None
         coordinates = self.coordinates(state, history.memory, True)
-        return self.going_on(count, state, history, pushes, coordinates)
+        calls = Calls(count, every, pushes, NO_PITCH)
+        return self.going_on(calls, state, history, coordinates)
 
     def going_on(
-        self, count: int, state: State, history: History, pushes: PushTable,
+        self, calls: Calls, state: State, history: History,
         coordinates: tuple[Array, Array, Array],
     ) -> StepsInPlace:  # fmt: skip
         """Return steps that continue from planar coordinates, at the heights of a state."""
@@ -276,22 +279,27 @@ class PlanarStepper(LoopStepper):
 
             return read
 
+        def filled(steps: Steps, kept: Samples) -> Callable[[], object]:
+            planar = steps.record.q, steps.record.u, tilt
+            given = self.joints, planar, height, len(kept.q), kept.q, kept.u
+            return BoundCall(samples_to_space, *map(Block, given))
+
         end = End(
             in_space,
             remembered,
             lambda steps, *filled: InPlane(*self.joints, steps.q, steps.u, tilt, height, *filled),
+            filled,
         )
-        return StepsInPlace(self, Calls(count, pushes, NO_PITCH), (q, u), history, end)
+        return StepsInPlace(self, calls, (q, u), history, end)
 
     def prepare(self, state: State) -> None:
         """Compile steps in place, and what is around the loop."""
         height, history = self.heights(state), self.empty_history()
         memory = history.memory
         q, u, tilt = self.coordinates(state, memory, self.goes_on(state, memory))
-        self.going_on(1, state, history, NO_PUSHES, (q, u, tilt)).prepare()
-        end = State(np.empty((1, *state.q.shape)), np.empty((1, *state.u.shape)))
-        to_space(self.joints, (q, u, tilt), height, end.q[0], end.u[0])
-        samples_to_space(self.joints, (q[None], u[None], tilt), height, 1, end.q, end.u)
+        calls = Calls(1, 1, NO_PUSHES, NO_PITCH)
+        self.going_on(calls, state, history, (q, u, tilt)).prepare()
+        self.in_space(q, u, tilt, height)
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""

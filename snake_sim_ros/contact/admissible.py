@@ -90,7 +90,7 @@ def take_energy(problem: Problem) -> tuple[float, float]:
         As `natural_map` returns them [m/s].
 
     """
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     solution, newton = contacts.solution, contacts.newton
     reset_chain(chain)
     factor_chain(chain)

@@ -280,7 +280,7 @@ def close_condensed(
 @compiled
 def close_on_links(problem: Problem, h: float) -> None:
     """Do what `close_gaps` does by a sweep over the chain, with stiff linear laws."""
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     solution, newton = contacts.solution, contacts.newton
     for i in range(len(chain.momentum)):
         for k in range(6):

@@ -99,7 +99,7 @@ def predicted_load(history: ContactHistory, a: int) -> float:
 @compiled
 def begin_stage(problem: Problem, history: ContactHistory, stage: Stage) -> None:
     """Fill trial, iterate, anchors and selection centers of the contacts for a stage."""
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     solution, newton = contacts.solution, contacts.newton
     if stage.reached == math.inf:
         for a in closed:

@@ -67,7 +67,9 @@ from snake_sim_ros.dynamics.articulated_body import (
     reset_chain,
     solve_residual,
 )
+from snake_sim_ros.dynamics.balance import axis_loads, axis_rates
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.joint_laws import linearize_axes
 from snake_sim_ros.dynamics.spatial_vectors import Six
 from snake_sim_ros.scene.parameters import Array
 
@@ -730,7 +732,8 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
     ----------
     problem : Problem
         Its contacts need trial, anchor, selection_center and disc_radius. Their gamma and impulse
-        are filled and, if they are not condensed, the twists of the chain.
+        are filled and, if they are not condensed, the twists of the chain and the rates of axes
+        that have laws, of which trial and anchor are read.
     operator : Operator or None
         If it has the contacts of this step, the small dense problem is solved, without the chain.
         Otherwise the chain is solved together with the laws.
@@ -752,13 +755,20 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
         if operator.is_condensed[0]:
             return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
     linearize(laws, closed, contacts)
-    return solve_linear(problem, always)
+    joints, chain = problem.joints, problem.chain
+    if joints.laws.present:
+        linearize_axes(joints.laws, joints.axes, (joints.torque, joints.damping))
+        axis_loads(joints.places, joints.torque, joints.damping, chain)
+    finite, exact = solve_linear(problem, always)
+    if joints.laws.present:
+        axis_rates(joints.places, chain, joints.axes.rate)
+    return finite, exact
 
 
 @inlined
 def solve_linear(problem: Problem, always: bool) -> tuple[bool, bool]:
     """Solve the chain together with linear laws; return what `linear_step` returns."""
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, _ = problem
     rolling = rolls(laws)
     reset_chain(chain)
     single = closed[: count_single(closed, contacts, pairs)]

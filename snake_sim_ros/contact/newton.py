@@ -10,6 +10,9 @@ contacts are condensed instead: their Delassus operator is formed once a step
 solves a small dense system. The iterates satisfy the dynamics and the joints to rounding. Only the
 laws are iterated for, and `laws.natural_map` judges them.
 
+Where joints have laws of their own, an iteration makes these linear, too; see
+`dynamics.joint_laws`. Then contacts are not condensed.
+
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
@@ -70,10 +73,18 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Operator,
 )
-from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.joint_laws import (
+    anchor_axes,
+    axes_error,
+    axes_residual,
+    move_axes,
+    return_axes,
+    save_axes,
+)
 from snake_sim_ros.scene.parameters import Array, Scene
 
 # Of normal impulses, relative to the largest one of a step. Estimates may be five times off.
@@ -197,24 +208,25 @@ def disc_law_error(
 
 
 @inlined
-def line_search(laws: Laws, closed: Array, contacts: Contacts) -> float:
+def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints | None) -> float:
     """
     Return the fraction of the way at which the slope of `law_error` nearly vanishes.
 
-    The fraction is 1 if the slope is still negative at the end of the way, and 0 if it is not
-    negative at its start. The method is false position with halved weights (Illinois).
+    The slope is that of contacts and, if they are given, of joints. The fraction is 1 if it is
+    still negative at the end of the way, and 0 if it is not negative at its start. The method is
+    false position with halved weights (Illinois).
     """
-    high, above = 1.0, law_error(laws, closed, contacts, 1.0)[0]
+    high, above = 1.0, slope_at(laws, closed, contacts, joints, 1.0)
     if not above > 0.0:
         return 1.0
-    low, below = 0.0, law_error(laws, closed, contacts, 0.0)[0]
+    low, below = 0.0, slope_at(laws, closed, contacts, joints, 0.0)
     if not below < 0.0:
         return 0.0
     enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
     for _ in range(MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
-        slope = law_error(laws, closed, contacts, fraction)[0]
+        slope = slope_at(laws, closed, contacts, joints, fraction)
         if abs(slope) <= enough:
             break
         if slope > 0.0:
@@ -226,6 +238,50 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts) -> float:
             above *= 0.5 if side < 0 else 1.0
             side = -1
     return fraction
+
+
+@inlined
+def slope_at(
+    laws: Laws, closed: Array, contacts: Contacts, joints: Joints | None, fraction: float
+) -> float:
+    """Return the slope of `law_error` and `joint_laws.axes_error` at a fraction of the way."""
+    slope, _ = law_error(laws, closed, contacts, fraction)
+    if joints is None:
+        return slope
+    return slope + joints_error(joints, fraction)[0]
+
+
+@compiled
+def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
+    """Return what `joint_laws.axes_error` does; 0 without laws of the joints."""
+    if not joints.laws.present:
+        return 0.0, 0.0
+    return axes_error(joints.laws, joints.axes, (joints.torque, joints.damping), fraction)
+
+
+@compiled
+def joints_residual(joints: Joints) -> float:
+    """Return what `joint_laws.axes_residual` does; 0 without laws of the joints."""
+    if not joints.laws.present:
+        return 0.0
+    return axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
+
+
+@inlined
+def move(problem: Problem, fraction: float) -> None:
+    """Move trial and iterate of contacts and joints a fraction of the way to the solution."""
+    joints = problem.joints
+    move_trial(problem.closed, problem.contacts, fraction)
+    if joints.laws.present:
+        move_axes(joints.axes, (joints.torque, joints.damping), fraction)
+
+
+@inlined
+def anchor(problem: Problem) -> None:
+    """Fill the anchors of contacts and joints with what is admissible next to the iterate."""
+    anchor_at_iterate(problem.laws, problem.closed, problem.contacts)
+    if problem.joints.laws.present:
+        anchor_axes(problem.joints.axes)
 
 
 @inlined
@@ -429,7 +485,7 @@ def iterate_laws(
         not keep the loads from becoming accurate.
 
     """
-    laws, closed, contacts = problem.laws, problem.closed, problem.contacts
+    laws, closed, contacts, _, _, joints = problem
     tolerance, steps, held = round.tolerance, round.steps, round.kind == HELD
     closer, rough = round.kind == CLOSER, round.tolerance > laws.residual_tolerance
     for a in closed:
@@ -449,32 +505,37 @@ def iterate_laws(
             return iterations, math.inf, math.inf, False
         if not held:
             residual, printed = natural_map(laws, closed, contacts, tolerance)
+            residual = max(residual, joints_residual(joints))
             goes_on = False
             if residual <= tolerance and (exact or rough):
                 if not rough:
                     best, last, goes_on = refines(laws, closed, contacts, residual, best, last)
                 if not goes_on:
                     if closer:
-                        move_trial(closed, contacts, 1.0)
+                        move(problem, 1.0)
                     break
         fraction = 1.0
         is_far = residual > FAR_RESIDUAL * tolerance
         if held or (is_far and (round.searches or iterations > 1) and not closer):
-            fraction = line_search(laws, closed, contacts)
+            fraction = line_search(laws, closed, contacts, joints)
         if fraction == 0.0 and not held:
             break
-        move_trial(closed, contacts, fraction if fraction > 0.0 else 1.0)
+        move(problem, fraction if fraction > 0.0 else 1.0)
         if held:
-            error = law_error(laws, closed, contacts, 1.0)[1] if exact else math.inf
-            if fraction == 1.0 and error <= tolerance:
+            error = math.inf
+            if fraction == 1.0 and exact:
+                error = law_error(laws, closed, contacts, 1.0)[1]
+                error = max(error, joints_error(joints, 1.0)[1])
+            if error <= tolerance:
                 break
         else:
-            anchor_at_iterate(laws, closed, contacts)
+            anchor(problem)
             converges = residual < CONVERGES * before or residual <= NEAR
             if converges and steps < MOST_COUPLED_ITERATIONS:
                 steps += 1  # slow, but converging
     if held:
         residual, printed = natural_map(laws, closed, contacts, tolerance)
+        residual = max(residual, joints_residual(joints))
     return iterations, residual, printed, exact and not (goes_on and iterations < steps)
 
 
@@ -500,7 +561,7 @@ def iterate(
         Its `fell_back` is true if the radii were held for a while.
 
     """
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, joints = problem
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
@@ -523,7 +584,9 @@ def iterate(
             creeps = residual <= NEAR and residual < CONVERGES * least
             least = min(least, residual)
             begin_held(rounds, creeps, closed, contacts)
-            anchor_at_iterate(laws, closed, contacts)
+            if rounds > 0 and not creeps:
+                return_axes(joints.axes)
+            anchor(problem)
             round = Round(HELD, held_tolerance(rounds, tolerance), HELD_ITERATIONS, True)
             fell_back = True
         elif rounds > 0:
@@ -534,7 +597,7 @@ def iterate(
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)
         spent, residual, printed, exact = iterate_laws(
-            Problem(now, closed, contacts, chain, pairs), most, operator, round
+            Problem(now, closed, contacts, chain, pairs, joints), most, operator, round
         )
         iterations += spent
         if continues:
@@ -557,11 +620,12 @@ def iterate(
         if done or (held and residual == math.inf):
             break
         if held:
-            anchor_at_iterate(laws, closed, contacts)
+            anchor(problem)
             along, size = find_radius_steps(closed, contacts)
             relaxation, before = next_relaxation(relaxation, along, before, rounds), size
             restart_radii(rounds, closed, contacts, problem.pairs)
             end_held(relaxation, closed, contacts)
+            save_axes(joints.axes)
         if held or rounds < 0:
             held = False
             rounds += 1
@@ -694,12 +758,15 @@ def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     """
     Condense the contacts, if they are few, for any number of calls of `solve_prepared`.
 
+    They are not where joints have laws, which change the chain in an iteration.
+
     The closed contacts of these calls may be some of those here, and may have other shifts.
     """
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, joints = problem
     list_pairs_last(closed, contacts, pairs)
     if operator is not None:
-        operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
+        is_condensed = len(closed) <= operator.most and not joints.laws.present
+        operator.is_condensed[0] = 1 if is_condensed else 0
         if operator.is_condensed[0]:
             condense(closed, impulse_width(laws), contacts, chain, operator.delassus)
 
@@ -715,7 +782,7 @@ def solve_prepared(
     operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, limit, operator, history)
     fill_twists(laws, closed, contacts, chain, operator)

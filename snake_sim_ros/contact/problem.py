@@ -11,7 +11,19 @@ from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import Dispatched
+from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
+
+
+class Joints(NamedTuple):
+    """The laws of the joints in a step, and what they load the chain with."""
+
+    laws: JointLaws
+    places: JointPlaces
+    axes: AxisLaws
+    torque: Array  # (n-1, 2) of the linear laws; see `joint_laws.linearize_axes` [N m s]
+    damping: Array  # (n-1, 2) [N m s^2]
 
 
 class Problem(NamedTuple):
@@ -20,7 +32,8 @@ class Problem(NamedTuple):
 
     Functions that take `laws`, `closed`, `contacts` or `chain` take these parts of a problem.
 
-    A solver fills `impulse` and `gamma` of `contacts.solution`, and `chain.twist`.
+    A solver fills `impulse` and `gamma` of `contacts.solution`, and `chain.twist`. One that solves
+    the laws of the joints, too, fills the rates in `joints.axes` and the loads of the chain.
     """
 
     laws: Laws  # with the selection rule of this step
@@ -28,6 +41,7 @@ class Problem(NamedTuple):
     contacts: Contacts  # all contacts of the scene
     chain: Chain  # the links, with momentum and joint torques of this step
     pairs: Delassus | None  # operator of the contacts of two links; None on a flat floor
+    joints: Joints
 
 
 class Outcome(NamedTuple):

@@ -100,7 +100,7 @@ def solve_with_projections(
 
     The residual is that of the impulses before the last projection, to which the twists belong.
     """
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, laws.change_tolerance
     reset_chain(chain)
     factor_chain(chain)

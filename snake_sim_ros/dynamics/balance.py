@@ -113,6 +113,18 @@ def hold_absent_axes(places: JointPlaces, chain: Chain) -> None:
 
 
 @inlined
+def axis_rates(places: JointPlaces, chain: Chain, rate: Array) -> None:
+    """Fill what `joint_rates` does from the rates of the joint axes; see `axis_loads`."""
+    axis = chain.axis
+    for j in range(len(axis)):
+        c = 0.0
+        for k in range(3):
+            c += axis[j, 0, k] * axis[j, 1, k]
+        rate[j, 0] = places.present[j, 0] * (chain.rate[j, 0] + c * chain.rate[j, 1])
+        rate[j, 1] = places.present[j, 1] * (chain.rate[j, 1] + c * chain.rate[j, 0])
+
+
+@inlined
 def joint_rates(places: JointPlaces, frames: JointFrames, twist: Array, rate: Array) -> None:
     """
     Fill the rates of all joints, 0 for axes that a joint does not have.

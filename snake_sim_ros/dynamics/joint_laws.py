@@ -13,15 +13,15 @@ An axis has the impulse P that its rate w at the end of a step determines:
 
 The set of admissible pairs (w, P) is the graph of a falling function with vertical parts, a
 maximal monotone relation. The law is therefore equivalent to ``w = resolvent(w - r P)`` for any
-r > 0, where the resolvent gives the only w of the graph with ``w - r P`` as given. A step solves
-the laws of all axes by Newton's method: where the resolvent falls on a sloped part, P is linear in
-w, with the torque and the damping of this part; on a vertical part the rate is held. Then the
-contacts are solved as without these laws, for the chain of links with these torques and dampings,
-and the rates show what has changed.
+r > 0, where the resolvent gives the only w of the graph with ``w - r P`` as given.
 
-A rate v is held by the impulse ``P + K (v - w)`` with a stiffness K far beyond that of the chain.
-P is that of the solution before, so that what is left of w - v vanishes with the next solution
-(augmented Lagrangian).
+They are solved as those of friction, see `contact.linear_problem`: a proximal point method makes
+P a function of w alone, ``P(w) = P_a + K (resolvent(w - P_a/K) - w)``, with an impulse P_a that
+follows the iterates and a stiffness K far beyond that of the chain. Newton's method makes it
+linear about a trial rate, as ``P = torque - damping w``, which the chain of links takes as it
+takes a controller. `contact.newton` does so in each of its iterations, with the contacts. For
+other methods the contacts are solved with linear laws of the joints, and the rates show what has
+changed: `joint_laws_change`.
 """
 
 import math
@@ -30,18 +30,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
-HOLD = 1e9  # stiffness that holds a rate, relative to inertia and damping of an axis
-SAME_RATE = 1e-12  # rates that differ by less are the same [rad/s]
+# Stiffness K of the proximal point method, relative to inertia and damping of an axis.
+HOLD = 1e6
 # An axis that is at a stop does not meet it again because moves that close gaps took it away by
-# rounding.
+# rounding. At a stop, friction acts against rates that are larger.
 MEETING_RATE = 1e-9  # least rate with which an axis meets a stop [rad/s]
 MOST_CHANGES = 300  # solutions of a step after which it counts as unconverged
-# So many times all axes go to other parts of their laws at once; then one at a time, the first one
-# from another joint each time. If all began at the same joint, more steps would cycle.
-TOGETHER = 12
 
 
 class JointLaws(NamedTuple):
@@ -68,10 +66,12 @@ class AxisLaws(NamedTuple):
     low: Array  # (n-1, 2) least rate [rad/s]
     high: Array  # (n-1, 2) largest rate [rad/s]
     rate: Array  # (n-1, 2) w, of the last solution [rad/s]
-    cut: Array  # (n-1, 2) sign of the limit that the controller is at; 0: it follows
-    # (n-1, 2) sign of the rate against which friction acts; 0: it does not, or it holds
-    slip: Array
-    held: Array  # (n-1, 2) sign of the bound that holds the rate; 0: none does
+    held: Array  # (n-1, 2) sign of the bound that holds the rate in it; 0: none does
+    trial: Array  # (n-1, 2) rate about which the law is linear [rad/s]
+    anchor: Array  # (n-1, 2) P_a, prox center of the proximal point method [N m s]
+    iterate: Array  # (n-1, 2) impulse of the last iterate [N m s]
+    saved_trial: Array  # (n-1, 2) at the end of the last round with held radii [rad/s]
+    saved_iterate: Array  # (n-1, 2) [N m s]
     # (n-1, 2, 2) see `joint_drift.furthest_angles` [rad]; empty without stops
     furthest: Array
 
@@ -167,67 +167,175 @@ def controller_impulses(
 
 
 @inlined
-def first_law(inertia: float, axes: AxisLaws, j: int, k: int) -> tuple[float, float]:
-    """Return the first torque and damping, from the rate in axes.rate; see `axis_law`."""
-    axes.cut[j, k] = axes.slip[j, k] = axes.held[j, k] = 0.0
-    torque, damping, _ = axis_law(inertia, axes, j, k, controller_impulse(axes, j, k))
-    return torque, damping
+def start_axis(inertia: float, axes: AxisLaws, j: int, k: int) -> None:
+    """Begin with the impulse of the law of axis k of joint j that is next to the expected rate."""
+    P, w = controller_impulse(axes, j, k), axes.rate[j, k]
+    K = inertia + axes.damping[j, k]
+    P, _ = proximal_law(axes, j, k, w, P, K)
+    axes.trial[j, k], axes.anchor[j, k], axes.iterate[j, k] = w, P, P
 
 
-@compiled
-def axis_law(inertia: float, axes: AxisLaws, j: int, k: int, impulse: float) -> Three:
+@inlined
+def resolvent(axes: AxisLaws, j: int, k: int, r: float, z: float) -> tuple[float, float, float]:
     """
-    Return the part of the law of axis k of joint j that a trial solution falls on.
-
-    From one limit to the other, from sliding one way to the other, and from one bound of the rate
-    to the other, it passes the part between them. Otherwise Newton's method oscillates.
-
-    Parameters
-    ----------
-    inertia : float
-        `JointLaws.inertia`.
-    axes : AxisLaws
-        Its rate is that of the trial solution; cut, slip and held are replaced by those of the
-        part.
-    j, k : int
-    impulse : float
-        P of the trial solution [N m s].
+    Return the rate w of the law of axis k of joint j with ``w - r P = z``, and its part.
 
     Returns
     -------
+    w : float
+        [rad/s]
     torque, damping : float
-        The part as ``P = torque - damping w`` [N m s], [N m s^2].
-    miss : float
-        Difference of the trial rate and the resolvent, 0 in a solution [rad/s].
+        The part as ``P = torque - damping w`` [N m s], [N m s^2]; the damping is infinite where
+        friction or a bound holds the rate.
 
     """
     F, low, high = axes.friction[j, k], axes.low[j, k], axes.high[j, k]
     c, R, L, V = axes.torque[j, k], axes.damping[j, k], axes.limit[j, k], axes.viscous[j, k]
-    r = 1.0 / (inertia + R)
-    z = axes.rate[j, k] - r * impulse
     slip = 1.0 if F > 0.0 else 0.0
     w, cut = rate_on_slope(c - F, R, F, (L, V), (r, z))
+    holds = False
     if F > 0.0 and not w > 0.0:
         slip = -1.0
         w, cut = rate_on_slope(c + F, R, -F, (L, V), (r, z))
         if not w < 0.0:
-            w = slip = cut = 0.0
-    w = min(max(w, low), high)
-    miss = abs(axes.rate[j, k] - w)
-    if slip * axes.slip[j, k] < 0.0:
-        w = slip = cut = 0.0
-    elif cut * axes.cut[j, k] < 0.0:
-        cut = 0.0
-    held = 1.0 if w == high else (-1.0 if w == low else 0.0)
-    if held * axes.held[j, k] < 0.0:
-        held = 0.0
-    axes.slip[j, k], axes.cut[j, k], axes.held[j, k] = slip, cut, held
-    if (F > 0.0 and slip == 0.0) or held != 0.0:
-        K = HOLD * (inertia + R + V)
-        return (w - z) / r + K * w, K, miss
+            w, holds = 0.0, True
+    if holds or w <= low or w >= high:
+        return min(max(w, low), high), 0.0, math.inf
     if cut == 0.0:
-        return c - slip * F, R + V, miss
-    return cut * L - slip * F, V, miss
+        return w, c - slip * F, R + V
+    return w, cut * L - slip * F, V
+
+
+@compiled
+def proximal_law(
+    axes: AxisLaws, j: int, k: int, w: float, anchor: float, K: float
+) -> tuple[float, float]:
+    """
+    Return the impulse ``P(w)`` of axis k of joint j, and minus its derivative.
+
+    Parameters
+    ----------
+    axes : AxisLaws
+    j, k : int
+    w : float
+        Rate [rad/s].
+    anchor : float
+        P_a [N m s].
+    K : float
+        Stiffness of the proximal point method [N m s^2].
+
+    Returns
+    -------
+    P : float
+        [N m s]
+    damping : float
+        [N m s^2]
+
+    """
+    r = 1.0 / K
+    z = w - r * anchor
+    v, torque, damping = resolvent(axes, j, k, r, z)
+    if damping == math.inf:
+        return anchor + K * (v - w), K
+    share = 1.0 / (1.0 + r * damping)
+    return share * (torque - damping * z), share * damping
+
+
+@inlined
+def linearize_axes(laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array]) -> None:
+    """
+    Fill torques and dampings of the laws, linear about the trial rates, for m axes a joint.
+
+    `loads`, shape (n-1, m), are those of both axes or of yaw [N m s], [N m s^2].
+    """
+    torque, damping = loads
+    for j in range(len(torque)):
+        for k in range(torque.shape[1]):
+            K, w = HOLD * (laws.inertia + axes.damping[j, k]), axes.trial[j, k]
+            P, D = proximal_law(axes, j, k, w, axes.anchor[j, k], K)
+            torque[j, k], damping[j, k] = P + D * w, D
+
+
+@inlined
+def axes_error(
+    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], fraction: float
+) -> tuple[float, float]:
+    """
+    Compare impulses and laws at a fraction of the way from trial and iterate to the solution.
+
+    The rates in `axes` are those of the solution with `loads`, as of `linearize_axes`.
+
+    Returns
+    -------
+    slope : float
+        ``sum (P - P(w)) . (w - trial)``, as of `contact.newton.law_error`.
+    residual : float
+        Largest ``|P - P(w)|`` over inertia and damping of the axis [rad/s].
+
+    """
+    slope, worst, (torque, damping) = 0.0, 0.0, loads
+    for j in range(len(torque)):
+        for k in range(torque.shape[1]):
+            scale, w, P = laws.inertia + axes.damping[j, k], axes.rate[j, k], axes.iterate[j, k]
+            step, end = w - axes.trial[j, k], torque[j, k] - damping[j, k] * w
+            at = axes.trial[j, k] + fraction * step
+            law, _ = proximal_law(axes, j, k, at, axes.anchor[j, k], HOLD * scale)
+            d = P + fraction * (end - P) - law
+            slope += d * step
+            worst = max(worst, abs(d) / scale)
+    return slope, worst
+
+
+@inlined
+def axes_residual(laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array]) -> float:
+    """
+    Return how far the solution is from the laws, ``max |w - resolvent(w - r P)|`` [rad/s].
+
+    The rates in `axes` are those of the solution with `loads`; `held` is filled. The scale of r is
+    that of inertia and damping of an axis.
+    """
+    worst, (torque, damping) = 0.0, loads
+    for j in range(len(torque)):
+        for k in range(torque.shape[1]):
+            r, w = 1.0 / (laws.inertia + axes.damping[j, k]), axes.rate[j, k]
+            z = w - r * (torque[j, k] - damping[j, k] * w)
+            v, _, _ = resolvent(axes, j, k, r, z)
+            worst = max(worst, abs(w - v))
+            held = v == axes.high[j, k], v == axes.low[j, k]
+            axes.held[j, k] = 1.0 if held[0] else (-1.0 if held[1] else 0.0)
+    return worst
+
+
+@inlined
+def move_axes(axes: AxisLaws, loads: tuple[Array, Array], fraction: float) -> None:
+    """Move trial and iterate a fraction of the way to the solution, as of `axes_error`."""
+    torque, damping = loads
+    for j in range(len(torque)):
+        for k in range(torque.shape[1]):
+            w, P = axes.rate[j, k], axes.iterate[j, k]
+            end = torque[j, k] - damping[j, k] * w
+            axes.trial[j, k] += fraction * (w - axes.trial[j, k])
+            axes.iterate[j, k] = P + fraction * (end - P)
+
+
+@inlined
+def anchor_axes(axes: AxisLaws) -> None:
+    """Fill the anchors with the iterates."""
+    copy_rows(axes.iterate, axes.anchor, 2)
+
+
+@inlined
+def save_axes(axes: AxisLaws) -> None:
+    """Keep trial and iterate."""
+    copy_rows(axes.trial, axes.saved_trial, 2)
+    copy_rows(axes.iterate, axes.saved_iterate, 2)
+
+
+@inlined
+def return_axes(axes: AxisLaws) -> None:
+    """Return to the trial and iterate that were kept."""
+    copy_rows(axes.saved_trial, axes.trial, 2)
+    copy_rows(axes.saved_iterate, axes.iterate, 2)
 
 
 @inlined
@@ -252,51 +360,45 @@ def rate_on_slope(
 @inlined
 def is_at_stop(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j meets a stop: it moves at the rate that leads there."""
-    w = axes.rate[j, k]
-    return (is_low(laws, axes, j, k) or is_high(laws, axes, j, k)) and abs(w) > MEETING_RATE
+    is_held = is_low(laws, axes, j, k) or is_high(laws, axes, j, k)
+    return is_held and abs(axes.rate[j, k]) > MEETING_RATE
 
 
 @inlined
 def is_low(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the lower rate that a stop of its angle allows."""
-    return axes.low[j, k] > -laws.fastest[j, k] and is_at(axes.rate[j, k], axes.low[j, k])
+    return axes.held[j, k] < 0.0 and axes.low[j, k] > -laws.fastest[j, k]
 
 
 @inlined
 def is_high(laws: JointLaws, axes: AxisLaws, j: int, k: int) -> bool:
     """Return whether axis k of joint j has the upper rate that a stop of its angle allows."""
-    return axes.high[j, k] < laws.fastest[j, k] and is_at(axes.rate[j, k], axes.high[j, k])
-
-
-@inlined
-def is_at(rate: float, bound: float) -> bool:
-    """Return whether a rate is that of a bound [rad/s]."""
-    return abs(rate - bound) <= SAME_RATE
+    return axes.held[j, k] > 0.0 and axes.high[j, k] < laws.fastest[j, k]
 
 
 @inlined
 def begin_axis_impact(
     laws: JointLaws, axes: AxisLaws, j: int, k: int, torque: float, damping: float
-) -> tuple[float, float]:
+) -> None:
     """
-    Return torque and damping of axis k of joint j in an impact after a part of a step.
+    Begin the law of axis k of joint j in an impact after a part of a step.
 
     The impulses of controller and friction stay what they are; a stop that was reached holds.
-    `torque` and `damping` are those of the solution of the part [N m s], [N m s^2], and so is the
-    rate in `axes`, of which the rest is replaced.
+    `torque` and `damping` are those of the solution of the part [N m s], [N m s^2], and so are
+    rate and `held` in `axes`, of which the rest is replaced.
     """
     w = axes.rate[j, k]
     low, high = is_low(laws, axes, j, k), is_high(laws, axes, j, k)
     known = torque - damping * w
     if low or high:  # without the reaction of the stop
         known = controller_impulse(axes, j, k) - axes.viscous[j, k] * w
-        if abs(w) > SAME_RATE:
+        if abs(w) > MEETING_RATE:
             known -= math.copysign(axes.friction[j, k], w)
     axes.torque[j, k], axes.damping[j, k], axes.limit[j, k] = known, 0.0, math.inf
     axes.friction[j, k] = axes.viscous[j, k] = 0.0
     axes.low[j, k] = 0.0 if low else -laws.fastest[j, k]
     axes.high[j, k] = 0.0 if high else laws.fastest[j, k]
-    return first_law(laws.inertia, axes, j, k)
+    start_axis(laws.inertia, axes, j, k)
 
 
 @inlined
@@ -314,7 +416,8 @@ def begin_joint_laws(
         for k in range(mid.shape[1]):
             begin_axis(laws, axes, dt, j, k, (torque[j, k], damping[j, k], mid[j, k, 1]))
             stop_at_middle(laws, axes, j, k, mid[j, k, 0])
-            torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
+            start_axis(laws.inertia, axes, j, k)
+    linearize_axes(laws, axes, loads)
 
 
 @inlined
@@ -339,16 +442,18 @@ def begin_predicted_laws(
             begin_axis(laws, axes, h, j, k, (torque[j, k], damping[j, k], rate[j, k]))
             if laws.has_stops:
                 stop_at_end(laws, axes, j, k, (start[j, k], hat[j, k]), h_q)
-            torque[j, k], damping[j, k] = first_law(laws.inertia, axes, j, k)
+            start_axis(laws.inertia, axes, j, k)
+    linearize_axes(laws, axes, loads)
 
 
 class Trial(NamedTuple):
-    """A solution of the contacts with parts of the laws of the joints that may not hold."""
+    """A solution of the contacts with linear laws of the joints, which may not hold."""
 
     iterations: int  # of the contact solver
     converged: bool  # whether its residual is within the tolerance
     attempt: int  # number of the solution in its step, from 0
     left: int  # iterations that it was allowed to take
+    tolerance: float  # up to which the laws of the joints hold [rad/s]
 
 
 class Counts(Protocol):
@@ -370,27 +475,13 @@ def joint_laws_change(
     [N m s], [N m s^2], of both axes or of yaw. The report counts the iterations of all solutions
     but the last one, and a step without an end.
     """
-    misses = moves = False
-    (torque, damping), (iterations, converged, attempt, left) = loads, trial
-    is_last = attempt + 1 == MOST_CHANGES or iterations >= left
-    for i in range(len(torque)):
-        j = (i + max(0, attempt - TOGETHER)) % len(torque)
-        for k in range(torque.shape[1]):
-            impulse = torque[j, k] - damping[j, k] * axes.rate[j, k]
-            cut, slip, held = axes.cut[j, k], axes.slip[j, k], axes.held[j, k]
-            new_torque, new_damping, miss = axis_law(laws.inertia, axes, j, k, impulse)
-            if miss > SAME_RATE:
-                misses = True
-                is_same = cut == axes.cut[j, k] and slip == axes.slip[j, k]
-                is_same = is_same and held == axes.held[j, k]
-                if not is_last and (is_same or attempt < TOGETHER or not moves):
-                    torque[j, k], damping[j, k] = new_torque, new_damping
-                    moves = moves or not is_same
-                else:
-                    axes.cut[j, k], axes.slip[j, k], axes.held[j, k] = cut, slip, held
-    if misses and is_last:
-        report.unconverged += converged
+    if axes_residual(laws, axes, loads) <= trial.tolerance:
         return False
-    if misses:
-        report.iterations += iterations
-    return misses
+    if trial.attempt + 1 == MOST_CHANGES or trial.iterations >= trial.left:
+        report.unconverged += trial.converged
+        return False
+    report.iterations += trial.iterations
+    move_axes(axes, loads, 1.0)
+    anchor_axes(axes)
+    linearize_axes(laws, axes, loads)
+    return True

@@ -49,7 +49,7 @@ from snake_sim_ros.contact.detection import (
 )
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule, PRESS_SPEED
-from snake_sim_ros.contact.problem import Outcome, Problem, solve_contacts, Solver
+from snake_sim_ros.contact.problem import Joints, Outcome, Problem, solve_contacts, Solver
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -143,18 +143,19 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
-    return Problem(laws, closed, contacts, chain, work.pairs)
+    joints = Joints(laws_of_joints, places, work.axes, work.torque, work.damping)
+    return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 
 @inlined
 def begin_landing(problem: Problem, count: int, history: History) -> Problem:
     """Return the problem of the first `count` contacts, with velocities of the first solution."""
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, joints = problem
     contact_velocities(closed[:count], contacts, chain.frame, chain.twist)
     for a in closed[:count]:
         for j in range(5):
             history.change[a, j] = 0.0
-    return Problem(laws, closed[:count], contacts, chain, pairs)
+    return Problem(laws, closed[:count], contacts, chain, pairs, joints)
 
 
 @inlined
@@ -162,10 +163,10 @@ def solve_again(
     model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: LoopReport
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
-    chain = work.chain
+    chain, tolerance = work.chain, model.laws.residual_tolerance
     joint_rates(model.robot.places, work.frames, chain.twist, work.axes.rate)
     laws, loads = model.robot.joint_laws, (work.torque, work.damping)
-    trial = Trial(outcome.iterations, outcome.converged, attempt, left)
+    trial = Trial(outcome.iterations, outcome.converged, attempt, left, tolerance)
     if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):
         return False
     axis_loads(model.robot.places, work.torque, work.damping, chain)

@@ -202,7 +202,7 @@ def place_end(
     q_start, all return to their depths there: the step undoes no more than it did.
     """
     count, h_q, most_closings, was_deep = ending
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, joints = problem
     geometry, solution = contacts.geometry, contacts.solution
     robot, move = model.robot, own.closing
     for a in closed:
@@ -216,7 +216,7 @@ def place_end(
         to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
         if to_close > left and attempt < most_closings:
             more = add_closing(closed, count, contacts)
-            closing = Problem(laws, closed[:more], contacts, chain, pairs)
+            closing = Problem(laws, closed[:more], contacts, chain, pairs, joints)
             if more > count:
                 count = more
                 condense_anew(work.operator, closing)

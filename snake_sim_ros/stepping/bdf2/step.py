@@ -48,13 +48,8 @@ from snake_sim_ros.contact.detection import find_contacts, Found, LANDING_SPEED,
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule
 from snake_sim_ros.contact.newton import prepare_contacts, solve_prepared
-from snake_sim_ros.contact.problem import Outcome, Problem
-from snake_sim_ros.dynamics.balance import (
-    hold_absent_axes,
-    joint_rates,
-    link_inertia,
-    smooth_momentum,
-)
+from snake_sim_ros.contact.problem import Joints, Problem
+from snake_sim_ros.dynamics.balance import hold_absent_axes, link_inertia, smooth_momentum
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import (
     held_torque,
@@ -66,9 +61,6 @@ from snake_sim_ros.dynamics.joint_laws import (
     begin_axis_impact,
     begin_predicted_laws,
     controller_impulses,
-    joint_laws_change,
-    MOST_CHANGES,
-    Trial,
 )
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.mechanism import Mechanism
@@ -118,7 +110,6 @@ from snake_sim_ros.stepping.state import History, of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    LoopReport,
     note_outcome,
     noted,
     Steps,
@@ -138,35 +129,13 @@ IMPLICIT_SCHEMES = ('average', 'end')
 
 
 @inlined
-def axes_change(
-    robot: Mechanism,
-    work: Workspace,
-    outcome: Outcome,
-    attempt: int,
-    left: int,
-    report: LoopReport,
-) -> bool:
-    """Return whether the laws of the joints need another solution, and prepare it."""
-    laws, chain = robot.joint_laws, work.chain
-    if not laws.present:
-        return False
-    joint_rates(robot.places, work.frames, chain.twist, work.axes.rate)
-    loads = chain.torque, chain.damping[:, ::2]
-    return joint_laws_change(
-        laws, work.axes, loads, Trial(outcome.iterations, outcome.converged, attempt, left), report
-    )
-
-
-@inlined
 def begin_impact(robot: Mechanism, work: Workspace) -> None:
     """Fill the laws of the joints in an impact: the torques stay what they are."""
     laws, axes, chain = robot.joint_laws, work.axes, work.chain
     for j in range(len(work.applied)):
         for k in range(2):
             if laws.present:
-                chain.torque[j, k], chain.damping[j, 2 * k] = begin_axis_impact(
-                    laws, axes, j, k, chain.torque[j, k], chain.damping[j, 2 * k]
-                )
+                begin_axis_impact(laws, axes, j, k, work.torque[j, k], work.damping[j, k])
             else:
                 chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
     hold_absent_axes(robot.places, chain)
@@ -203,14 +172,12 @@ def begin_part(
             torque, resistance = implicit_pd_law(
                 h_q, own.hat.angle[j, k], reference, gains, torque
             )
-            chain.torque[j, k], chain.damping[j, 2 * k] = h * torque, h * resistance
+            work.torque[j, k], work.damping[j, k] = h * torque, h * resistance
+            chain.torque[j, k], chain.damping[j, 2 * k] = work.torque[j, k], work.damping[j, k]
         chain.damping[j, 1] = 0.0
-    if model.robot.joint_laws.present:
-        way, loads = (
-            (history.memory.end.angle, own.hat.angle),
-            (chain.torque, chain.damping[:, ::2]),
-        )
-        laws_of_joints = model.robot.joint_laws
+    laws_of_joints, loads = model.robot.joint_laws, (work.torque, work.damping)
+    if laws_of_joints.present:  # the solver loads the chain with them
+        way = history.memory.end.angle, own.hat.angle
         begin_predicted_laws(laws_of_joints, work.axes, (h, h_q), way, own.star.rate, loads)
     hold_absent_axes(model.robot.places, chain)
     link_inertia(model.robot, work.R, work.center, chain.bare)
@@ -230,7 +197,8 @@ def begin_part(
         model.laws, closed, contacts, model.robot.mass, history.impulse,
         (PRESS_SPEED, -h * model.robot.gravity[2]),
     )  # fmt: skip
-    return Problem(laws, closed, contacts, chain, work.pairs)
+    joints = Joints(laws_of_joints, model.robot.places, work.axes, work.torque, work.damping)
+    return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 
 @inlined
@@ -257,21 +225,18 @@ def solve_landing(
         Number of contacts that are closed at the end, the first ones in the problem's `closed`.
 
     """
-    laws, closed, contacts, chain, pairs = problem
+    laws, closed, contacts, chain, pairs, joints = problem
     history, report, most = of_contacts(steps.history), steps.report[0], terms.most
     found, impact = Events(False, False, 0), False
     count = len(closed)
     if report.iterations < most:
         count = likely_to_push(closed, contacts)
     while True:  # one call of the solver, which is compiled where it is called
-        landing = Problem(laws, closed[:count], contacts, chain, pairs)
+        landing = Problem(laws, closed[:count], contacts, chain, pairs, joints)
         most = max(most, report.iterations + least_iterations(model.iteration_limit))
-        for attempt in range(MOST_CHANGES):
-            prepare_contacts(work.operator, landing)
-            left = iterations_left(most, report)
-            outcome = solve_prepared(work.operator, landing, history, left)
-            if not axes_change(model.robot, work, outcome, attempt, left, report):
-                break
+        prepare_contacts(work.operator, landing)
+        left = iterations_left(most, report)
+        outcome = solve_prepared(work.operator, landing, history, left)
         note_outcome(outcome, report)
         if impact and not outcome.converged:
             break
@@ -287,7 +252,7 @@ def solve_landing(
             continue
         keep_velocities(model.robot.places, work, own.moving)
         keep(own.moving, own.end)
-        loads = chain.torque, chain.damping[:, ::2]
+        loads = joints.torque, joints.damping
         meets = controller_impulses(
             model.robot.joint_laws, work.axes, loads, own.moving.rate, work.applied
         )

@@ -42,6 +42,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     controller_impulse,
     is_at_stop,
     joint_laws_change,
+    linearize_axes,
     MOST_CHANGES,
     Trial,
 )
@@ -97,7 +98,8 @@ def yaw_axes_change(
         return False
     for j in range(n - 1):
         work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
-    trial = Trial(outcome.iterations, outcome.converged, attempt, left)
+    tolerance = model.laws.residual_tolerance
+    trial = Trial(outcome.iterations, outcome.converged, attempt, left, tolerance)
     return joint_laws_change(laws, work.axes, (work.yaw_torque, work.yaw_damping), trial, report)
 
 
@@ -119,10 +121,10 @@ def joint_impulses_in_plane(model: PlanarModel, work: PlanarWorkspace) -> bool:
 @inlined
 def begin_planar_impact(model: PlanarModel, work: PlanarWorkspace) -> None:
     """Fill the laws of the yaw joints in an impact, with the torques of the part before it."""
+    laws, axes, loads = model.joint_laws, work.axes, (work.yaw_torque, work.yaw_damping)
     for j in range(len(work.torque)):
-        work.torque[j], work.chain.damping[j] = begin_axis_impact(
-            model.joint_laws, work.axes, j, 0, work.torque[j], work.chain.damping[j]
-        )
+        begin_axis_impact(laws, axes, j, 0, work.torque[j], work.chain.damping[j])
+    linearize_axes(laws, axes, loads)
     hold_absent_yaw_axes(model, work)
 
 

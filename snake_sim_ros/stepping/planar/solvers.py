@@ -342,7 +342,7 @@ def iterate_held_in_plane(
     while iterations < min(HELD_ITERATIONS, limit):
         planar_linear_step(model, work, closed, again or iterations > 0)
         iterations += 1
-        fraction = line_search(laws, closed, contacts) if again or iterations > 1 else 1.0
+        fraction = line_search(laws, closed, contacts, None) if again or iterations > 1 else 1.0
         if fraction == 0.0:
             fraction = 1.0
         for i in range(len(work.twist)):

@@ -134,7 +134,7 @@ def solve_with_sweeps(
     solver: GaussSeidel, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Sweep until the contact laws hold; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
     width = impulse_width(laws)

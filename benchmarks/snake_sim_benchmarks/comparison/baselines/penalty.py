@@ -100,7 +100,7 @@ def solve_with_springs(
     Forces are those of the middle configuration and of the velocities at the start. The residual
     is that of the set-valued laws, for these impulses and the velocities that follow.
     """
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     penalty_forces(springs.law, laws, closed, contacts, springs.mass)
     make_impulses(springs.dt, closed, contacts, history.impulse)
     reset_chain(chain)

@@ -88,7 +88,7 @@ def solve_with_pyramid(
 
     Its residual is that of the pyramid, and its printed residual that of the paper's laws.
     """
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     delassus, impulse, tolerance = solver.delassus, history.impulse, laws.residual_tolerance
     condense(closed, 3, contacts, chain, delassus)
     for a in closed:

@@ -758,10 +758,10 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
     joints, chain = problem.joints, problem.chain
     if joints.laws.present:
         linearize_axes(joints.laws, joints.axes, (joints.torque, joints.damping))
-        axis_loads(joints.places, joints.torque, joints.damping, chain)
+        axis_loads(joints.torque, joints.damping, chain)
     finite, exact = solve_linear(problem, always)
     if joints.laws.present:
-        axis_rates(joints.places, chain, joints.axes.rate)
+        axis_rates(chain, joints.axes.rate)
     return finite, exact
 
 

@@ -208,13 +208,13 @@ def disc_law_error(
 
 
 @inlined
-def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints | None) -> float:
+def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -> float:
     """
     Return the fraction of the way at which the slope of `law_error` nearly vanishes.
 
-    The slope is that of contacts and, if they are given, of joints. The fraction is 1 if it is
-    still negative at the end of the way, and 0 if it is not negative at its start. The method is
-    false position with halved weights (Illinois).
+    The slope is that of contacts and joints. The fraction is 1 if it is still negative at the end
+    of the way, and 0 if it is not negative at its start. The method is false position with halved
+    weights (Illinois).
     """
     high, above = 1.0, slope_at(laws, closed, contacts, joints, 1.0)
     if not above > 0.0:
@@ -242,13 +242,10 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints | 
 
 @inlined
 def slope_at(
-    laws: Laws, closed: Array, contacts: Contacts, joints: Joints | None, fraction: float
+    laws: Laws, closed: Array, contacts: Contacts, joints: Joints, fraction: float
 ) -> float:
     """Return the slope of `law_error` and `joint_laws.axes_error` at a fraction of the way."""
-    slope, _ = law_error(laws, closed, contacts, fraction)
-    if joints is None:
-        return slope
-    return slope + joints_error(joints, fraction)[0]
+    return law_error(laws, closed, contacts, fraction)[0] + joints_error(joints, fraction)[0]
 
 
 @compiled
@@ -268,10 +265,9 @@ def joints_residual(joints: Joints) -> float:
 
 
 @inlined
-def move(problem: Problem, fraction: float) -> None:
+def move(closed: Array, contacts: Contacts, joints: Joints, fraction: float) -> None:
     """Move trial and iterate of contacts and joints a fraction of the way to the solution."""
-    joints = problem.joints
-    move_trial(problem.closed, problem.contacts, fraction)
+    move_trial(closed, contacts, fraction)
     if joints.laws.present:
         move_axes(joints.axes, (joints.torque, joints.damping), fraction)
 
@@ -512,7 +508,7 @@ def iterate_laws(
                     best, last, goes_on = refines(laws, closed, contacts, residual, best, last)
                 if not goes_on:
                     if closer:
-                        move(problem, 1.0)
+                        move(closed, contacts, joints, 1.0)
                     break
         fraction = 1.0
         is_far = residual > FAR_RESIDUAL * tolerance
@@ -520,7 +516,7 @@ def iterate_laws(
             fraction = line_search(laws, closed, contacts, joints)
         if fraction == 0.0 and not held:
             break
-        move(problem, fraction if fraction > 0.0 else 1.0)
+        move(closed, contacts, joints, fraction if fraction > 0.0 else 1.0)
         if held:
             error = math.inf
             if fraction == 1.0 and exact:

@@ -12,7 +12,6 @@ from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import Dispatched
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws
-from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -20,10 +19,10 @@ class Joints(NamedTuple):
     """The laws of the joints in a step, and what they load the chain with."""
 
     laws: JointLaws
-    places: JointPlaces
     axes: AxisLaws
-    torque: Array  # (n-1, 2) of the linear laws; see `joint_laws.linearize_axes` [N m s]
-    damping: Array  # (n-1, 2) [N m s^2]
+    # (n-1, 2) of the linear laws, in the plane (n-1, 1); see `joint_laws.linearize_axes` [N m s]
+    torque: Array
+    damping: Array  # of the same shape [N m s^2]
 
 
 class Problem(NamedTuple):

@@ -3,7 +3,7 @@
 """The paper's iteration, compiled: projections of all contacts at once, eqs. (84)-(93)."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import condense, condensed_velocities, Delassus, end_twists
@@ -19,14 +19,17 @@ from snake_sim_ros.contact.laws import (
     rolls,
     sliding_disc,
 )
-from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.newton import joints_residual, line_search, move
+from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import forget_others
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.joint_laws import anchor_axes, linearize_axes
 from snake_sim_ros.scene.parameters import Array
 
 # A contact problem with more impulse components is not condensed: it would not pay.
 MOST_CONDENSED_ROWS = 48
+MOST_CHANGES = 300  # solutions of a step, with other laws of the joints, before it is unconverged
 
 
 @compiled
@@ -126,3 +129,48 @@ def solve_with_projections(
     forget_others(closed, contacts, history)
     residual, printed = natural_map(laws, closed, contacts, 0.0)
     return Outcome(iterations, change < tolerance, residual, printed, False)
+
+
+class Trial(NamedTuple):
+    """A solution of the contacts with linear laws of the joints, which may not hold."""
+
+    iterations: int  # of the contact solver
+    converged: bool  # whether its residual is within the tolerance
+    attempt: int  # number of the solution in its step, from 0
+    left: int  # iterations that it was allowed to take
+
+
+class Counts(Protocol):
+    """What the laws count in the report of the steps."""
+
+    iterations: int  # of the contact solver
+    unconverged: int  # steps without an end
+
+
+@inlined
+def joint_laws_change(
+    laws: Laws, contacts: Contacts, joints: Joints, trial: Trial, report: Counts
+) -> bool:
+    """
+    Make the laws of the joints linear about the last solution; return whether they did not hold.
+
+    This is for methods whose iterations leave the joints as they are. The way from one solution to
+    the next is searched as that of Newton's method, by the joints alone. If the solution `trial`
+    took all iterations that were left, there is no other one. The report counts the iterations of
+    all solutions but the last one, and a step without an end.
+
+    `laws` and `contacts` are those of a `problem.Problem`; the rates in `joints.axes` are those of
+    the solution.
+    """
+    if not joints.laws.present or joints_residual(joints) <= laws.residual_tolerance:
+        return False
+    if trial.attempt + 1 == MOST_CHANGES or trial.iterations >= trial.left:
+        report.unconverged += trial.converged
+        return False
+    report.iterations += trial.iterations
+    none = contacts.geometry.link[:0]
+    fraction = line_search(laws, none, contacts, joints) if trial.attempt > 0 else 1.0
+    move(none, contacts, joints, fraction if fraction > 0.0 else 1.0)
+    anchor_axes(joints.axes)
+    linearize_axes(joints.laws, joints.axes, (joints.torque, joints.damping))
+    return True

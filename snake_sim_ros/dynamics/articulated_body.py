@@ -39,6 +39,7 @@ from snake_sim_ros.dynamics.spatial_vectors import (
     solve,
     store,
 )
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 
 ZERO = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -68,6 +69,7 @@ class Chain(NamedTuple):
     [kg m] and [kg].
     """
 
+    places: JointPlaces  # where the joints are, and which axes they have
     axis: Array  # (n-1, 2, 6) twists of the joint axes: of the outer link against its parent
     torque: Array  # (n-1, 2) impulse on every joint axis [N m s]
     damping: Array  # (n-1, 3) entries 11, 12, 22 of the impulse per rate of the axes [N m s^2]

@@ -65,7 +65,7 @@ def control_impulses(
 
 
 @inlined
-def axis_loads(places: JointPlaces, torque: Array, damping: Array, chain: Chain) -> None:
+def axis_loads(torque: Array, damping: Array, chain: Chain) -> None:
     """
     Fill the torques and damping of the controller in terms of the rates of the joint axes.
 
@@ -75,7 +75,6 @@ def axis_loads(places: JointPlaces, torque: Array, damping: Array, chain: Chain)
 
     Parameters
     ----------
-    places : JointPlaces
     torque, damping : ndarray, shape (n-1, 2)
         Impulse [N m s] and impulse per rate [N m s^2] of yaw and pitch.
     chain : Chain
@@ -93,17 +92,18 @@ def axis_loads(places: JointPlaces, torque: Array, damping: Array, chain: Chain)
         axis_damping[j, 0] = damping[j, 0] + c * c * damping[j, 1]
         axis_damping[j, 1] = c * (damping[j, 0] + damping[j, 1])
         axis_damping[j, 2] = damping[j, 1] + c * c * damping[j, 0]
-    hold_absent_axes(places, chain)
+    hold_absent_axes(chain)
 
 
 @inlined
-def hold_absent_axes(places: JointPlaces, chain: Chain) -> None:
+def hold_absent_axes(chain: Chain) -> None:
     """
     Fill the loads of axes that a joint does not have.
 
     Their twists are 0. With a damping of 1 N m s^2 and no torque, their rates are 0 and they add
     nothing to what other axes and links feel.
     """
+    places = chain.places
     if places.complete:
         return
     for j in range(len(chain.torque)):
@@ -113,9 +113,9 @@ def hold_absent_axes(places: JointPlaces, chain: Chain) -> None:
 
 
 @inlined
-def axis_rates(places: JointPlaces, chain: Chain, rate: Array) -> None:
+def axis_rates(chain: Chain, rate: Array) -> None:
     """Fill what `joint_rates` does from the rates of the joint axes; see `axis_loads`."""
-    axis = chain.axis
+    axis, places = chain.axis, chain.places
     for j in range(len(axis)):
         c = 0.0
         for k in range(3):

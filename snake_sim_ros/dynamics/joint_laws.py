@@ -20,12 +20,12 @@ P a function of w alone, ``P(w) = P_a + K (resolvent(w - P_a/K) - w)``, with an 
 follows the iterates and a stiffness K far beyond that of the chain. Newton's method makes it
 linear about a trial rate, as ``P = torque - damping w``, which the chain of links takes as it
 takes a controller. `contact.newton` does so in each of its iterations, with the contacts. For
-other methods the contacts are solved with linear laws of the joints, and the rates show what has
-changed: `joint_laws_change`.
+other methods the contacts are solved with linear laws of the joints, again and again; see
+`contact.prox_iteration.joint_laws_change`.
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,6 @@ HOLD = 1e6
 # An axis that is at a stop does not meet it again because moves that close gaps took it away by
 # rounding. At a stop, friction acts against rates that are larger.
 MEETING_RATE = 1e-9  # least rate with which an axis meets a stop [rad/s]
-MOST_CHANGES = 300  # solutions of a step after which it counts as unconverged
 
 
 class JointLaws(NamedTuple):
@@ -444,44 +443,3 @@ def begin_predicted_laws(
                 stop_at_end(laws, axes, j, k, (start[j, k], hat[j, k]), h_q)
             start_axis(laws.inertia, axes, j, k)
     linearize_axes(laws, axes, loads)
-
-
-class Trial(NamedTuple):
-    """A solution of the contacts with linear laws of the joints, which may not hold."""
-
-    iterations: int  # of the contact solver
-    converged: bool  # whether its residual is within the tolerance
-    attempt: int  # number of the solution in its step, from 0
-    left: int  # iterations that it was allowed to take
-    tolerance: float  # up to which the laws of the joints hold [rad/s]
-
-
-class Counts(Protocol):
-    """What the laws count in the report of the steps."""
-
-    iterations: int  # of the contact solver
-    unconverged: int  # steps without an end
-
-
-@inlined
-def joint_laws_change(
-    laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array], trial: Trial, report: Counts
-) -> bool:
-    """
-    Fill torques and dampings of the next solution; return whether there is one.
-
-    The rates in `axes` are those of the last solution, `trial`. If it took all iterations that
-    were left, there is no other one. `loads`, shape (n-1, m), are its torques and dampings
-    [N m s], [N m s^2], of both axes or of yaw. The report counts the iterations of all solutions
-    but the last one, and a step without an end.
-    """
-    if axes_residual(laws, axes, loads) <= trial.tolerance:
-        return False
-    if trial.attempt + 1 == MOST_CHANGES or trial.iterations >= trial.left:
-        report.unconverged += trial.converged
-        return False
-    report.iterations += trial.iterations
-    move_axes(axes, loads, 1.0)
-    anchor_axes(axes)
-    linearize_axes(laws, axes, loads)
-    return True

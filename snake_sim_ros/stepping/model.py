@@ -139,6 +139,7 @@ def make_workspace(scene: Scene) -> Workspace:
         axes=make_axis_laws(scene.robot),
         moving=zeros((n, 6)),
         chain=Chain(
+            places=scene.robot.chain.places,
             axis=zeros((n - 1, 2, 6)),
             torque=zeros((n - 1, 2)),
             damping=zeros((n - 1, 3)),

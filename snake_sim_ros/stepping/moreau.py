@@ -50,6 +50,7 @@ from snake_sim_ros.contact.detection import (
 from snake_sim_ros.contact.directions import contact_velocities
 from snake_sim_ros.contact.laws import add_viscous_friction, apply_selection_rule, PRESS_SPEED
 from snake_sim_ros.contact.problem import Joints, Outcome, Problem, solve_contacts, Solver
+from snake_sim_ros.contact.prox_iteration import joint_laws_change, MOST_CHANGES, Trial
 from snake_sim_ros.dynamics.balance import (
     axis_loads,
     control_impulses,
@@ -60,13 +61,7 @@ from snake_sim_ros.dynamics.balance import (
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import read_by_controllers, START
 from snake_sim_ros.dynamics.joint_drift import close_joints, furthest_angles, joint_violation
-from snake_sim_ros.dynamics.joint_laws import (
-    begin_joint_laws,
-    controller_impulses,
-    joint_laws_change,
-    MOST_CHANGES,
-    Trial,
-)
+from snake_sim_ros.dynamics.joint_laws import begin_joint_laws, controller_impulses
 from snake_sim_ros.dynamics.kinematics import (
     chain_geometry,
     copy_rows,
@@ -125,7 +120,7 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
         begin_joint_laws(laws_of_joints, work.axes, model.dt, mid, loads)
         if laws_of_joints.has_stops:
             furthest_angles(places, laws_of_joints.stop, q, mid, work.axes.furthest)
-    axis_loads(places, work.torque, work.damping, chain)
+    axis_loads(work.torque, work.damping, chain)
     link_inertia(model.robot, R, work.center, chain.bare)
     smooth_momentum(model.robot, model.dt, (u, u), R, work.center, chain.momentum)
     stretch = whole_step(steps.pushes, k)
@@ -143,7 +138,7 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
-    joints = Joints(laws_of_joints, places, work.axes, work.torque, work.damping)
+    joints = Joints(laws_of_joints, work.axes, work.torque, work.damping)
     return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 
@@ -160,16 +155,14 @@ def begin_landing(problem: Problem, count: int, history: History) -> Problem:
 
 @inlined
 def solve_again(
-    model: Model, work: Workspace, outcome: Outcome, attempt: int, left: int, report: LoopReport
+    model: Model, work: Workspace, problem: Problem, trial: Trial, report: LoopReport
 ) -> bool:
     """Return whether the laws of the joints need another solution, and prepare it."""
-    chain, tolerance = work.chain, model.laws.residual_tolerance
+    laws, _, contacts, chain, _, joints = problem
     joint_rates(model.robot.places, work.frames, chain.twist, work.axes.rate)
-    laws, loads = model.robot.joint_laws, (work.torque, work.damping)
-    trial = Trial(outcome.iterations, outcome.converged, attempt, left, tolerance)
-    if not laws.present or not joint_laws_change(laws, work.axes, loads, trial, report):
+    if not joint_laws_change(laws, contacts, joints, trial, report):
         return False
-    axis_loads(model.robot.places, work.torque, work.damping, chain)
+    axis_loads(work.torque, work.damping, chain)
     return True
 
 
@@ -196,7 +189,8 @@ def solve_step(
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_contacts(solver, problem, of_contacts(steps.history), left)
-            if not solve_again(model, work, outcome, attempt, left, report):
+            trial = Trial(outcome.iterations, outcome.converged, attempt, left)
+            if not solve_again(model, work, problem, trial, report):
                 break
         if lands or outcome.iterations >= left or not outcome.converged:
             break

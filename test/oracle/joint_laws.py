@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.joint_laws import JointLaws, MEETING_RATE, MOST_CHANGES
+from snake_sim_ros.dynamics.joint_laws import JointLaws, MEETING_RATE
 from snake_sim_ros.scene.parameters import Array
 
 HOLD = 1e5  # stiffness that holds a rate, relative to inertia and damping of an axis
 SAME_RATE = 1e-11  # [rad/s]
+MOST_CHANGES = 300  # solutions of a step
 TOGETHER = 12  # solutions after which one axis at a time goes to another part of its law
 
 

@@ -138,7 +138,7 @@ def begin_impact(robot: Mechanism, work: Workspace) -> None:
                 begin_axis_impact(laws, axes, j, k, work.torque[j, k], work.damping[j, k])
             else:
                 chain.torque[j, k], chain.damping[j, 2 * k] = work.applied[j, k], 0.0
-    hold_absent_axes(robot.places, chain)
+    hold_absent_axes(chain)
 
 
 class Terms(NamedTuple):
@@ -179,7 +179,7 @@ def begin_part(
     if laws_of_joints.present:  # the solver loads the chain with them
         way = history.memory.end.angle, own.hat.angle
         begin_predicted_laws(laws_of_joints, work.axes, (h, h_q), way, own.star.rate, loads)
-    hold_absent_axes(model.robot.places, chain)
+    hold_absent_axes(chain)
     link_inertia(model.robot, work.R, work.center, chain.bare)
     velocities = own.hat.u, own.star.u
     smooth_momentum(model.robot, h, velocities, work.R, work.center, chain.momentum)
@@ -197,7 +197,7 @@ def begin_part(
         model.laws, closed, contacts, model.robot.mass, history.impulse,
         (PRESS_SPEED, -h * model.robot.gravity[2]),
     )  # fmt: skip
-    joints = Joints(laws_of_joints, model.robot.places, work.axes, work.torque, work.damping)
+    joints = Joints(laws_of_joints, work.axes, work.torque, work.damping)
     return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 

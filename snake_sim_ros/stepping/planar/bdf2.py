@@ -16,7 +16,7 @@ from snake_sim_ros.contact.detection import Patches
 from snake_sim_ros.contact.problem import ContactHistory, make_contact_history, Outcome
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import implicit_pd_law
-from snake_sim_ros.dynamics.joint_laws import begin_predicted_laws, MOST_CHANGES
+from snake_sim_ros.dynamics.joint_laws import begin_predicted_laws
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.bdf2.formula import (
@@ -52,7 +52,6 @@ from snake_sim_ros.stepping.planar.moreau import (
     joint_impulses_in_plane,
     move_in_plane,
     stop_impact,
-    yaw_axes_change,
 )
 from snake_sim_ros.stepping.planar.solvers import (
     PlanarNewton,
@@ -305,13 +304,10 @@ def planar_part(
     add_pushes_in_plane(steps.pushes, stretch, h, work.heading, work.center, work.momentum)
     for impact in range(2):  # one call of the solver, which is compiled where it is called
         most = max(most, report.iterations + least_iterations(model.iteration_limit))
-        for attempt in range(MOST_CHANGES):
-            left = iterations_left(most, report)
-            outcome = solve_planar_contacts(
-                own.solver, model, work, work.closed, contact_history, left
-            )
-            if not yaw_axes_change(model, work, outcome, attempt, left, report):
-                break
+        left = iterations_left(most, report)
+        outcome = solve_planar_contacts(
+            own.solver, model, work, work.closed, contact_history, left
+        )
         note_outcome(outcome, report)
         if impact:
             break

@@ -34,6 +34,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.contact.closing import contacts_land, keep_closed, NONE
 from snake_sim_ros.contact.problem import Outcome, Solver
+from snake_sim_ros.contact.prox_iteration import joint_laws_change, MOST_CHANGES, Trial
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_control import pd_law
 from snake_sim_ros.dynamics.joint_laws import (
@@ -41,10 +42,7 @@ from snake_sim_ros.dynamics.joint_laws import (
     begin_joint_laws,
     controller_impulse,
     is_at_stop,
-    joint_laws_change,
     linearize_axes,
-    MOST_CHANGES,
-    Trial,
 )
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
@@ -56,13 +54,12 @@ from snake_sim_ros.stepping.planar.equilibrium import (
     place_links_in_plane,
 )
 from snake_sim_ros.stepping.planar.model import PlanarMemory, PlanarModel, PlanarWorkspace
-from snake_sim_ros.stepping.planar.solvers import solve_in_plane
+from snake_sim_ros.stepping.planar.solvers import solve_in_plane, yaw_joints, yaw_rates
 from snake_sim_ros.stepping.pushes import add_pushes_in_plane, whole_step
 from snake_sim_ros.stepping.state import of_contacts
 from snake_sim_ros.stepping.steps import (
     count_steps,
     iterations_left,
-    LoopReport,
     note_outcome,
     noted,
     Steps,
@@ -81,26 +78,6 @@ def hold_absent_yaw_axes(model: PlanarModel, work: PlanarWorkspace) -> None:
     for j in range(len(work.torque)):
         if model.side[j, 0] == 0.0:
             work.torque[j], work.chain.damping[j] = 0.0, 1.0
-
-
-@inlined
-def yaw_axes_change(
-    model: PlanarModel,
-    work: PlanarWorkspace,
-    outcome: Outcome,
-    attempt: int,
-    left: int,
-    report: LoopReport,
-) -> bool:
-    """Return whether the laws of the joints need another solution, and prepare it."""
-    n, laws = len(work.twist), model.joint_laws
-    if not laws.present:
-        return False
-    for j in range(n - 1):
-        work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
-    tolerance = model.laws.residual_tolerance
-    trial = Trial(outcome.iterations, outcome.converged, attempt, left, tolerance)
-    return joint_laws_change(laws, work.axes, (work.yaw_torque, work.yaw_damping), trial, report)
 
 
 @inlined
@@ -326,11 +303,14 @@ def solve_planar_step(
     """
     history, report, lands = of_contacts(steps.history), steps.report[0], False
     most, floor = report.iterations + model.iteration_limit, model.floor
+    joints = yaw_joints(model, work)
     while True:  # one call of the solver, which is compiled where it is called
         for attempt in range(MOST_CHANGES):
             left = iterations_left(most, report)
             outcome = solve_in_plane(solver, model, work, work.closed[:count], history, left)
-            if not yaw_axes_change(model, work, outcome, attempt, left, report):
+            trial = Trial(outcome.iterations, outcome.converged, attempt, left)
+            yaw_rates(work)
+            if not joint_laws_change(model.laws, work.contacts, joints, trial, report):
                 break
         if lands:
             break

@@ -3,13 +3,14 @@
 """
 The contact solvers of a robot that lies flat, with loads that follow from friction.
 
-**Newton's method**, as in `contact.newton`. For given loads, friction is a convex problem: its
-laws, linear about a trial velocity (`contact.linear_problem`), join the inertia of the links, and
-one sweep over the chain solves them. Loads follow from friction and friction from loads. Both are
-iterated together, the loads one iteration behind. This converges if friction shifts loads by less
-than itself, as under long robots. A short or nearly straight robot may tip or roll first, and its
-step then does not converge. `laws.natural_map` judges the result, as for any other solver. A step
-starts from the history of the last one, as in `contact.sweeps`.
+**Newton's method**, as in `contact.newton`, with the laws of the yaw joints. For given loads,
+friction is a convex problem: its laws, linear about a trial velocity (`contact.linear_problem`),
+join the inertia of the links, and one sweep over the chain solves them. Loads follow from friction
+and friction from loads. Both are iterated together, the loads one iteration behind. This converges
+if friction shifts loads by less than itself, as under long robots. A short or nearly straight
+robot may tip or roll first, and its step then does not converge. `laws.natural_map` judges the
+result, as for any other solver. A step starts from the history of the last one, as in
+`contact.sweeps`.
 
 **Projections** of all contacts at once: the paper's iteration, as in `contact.prox_iteration`.
 """
@@ -35,16 +36,19 @@ from snake_sim_ros.contact.newton import (
     end_held,
     find_radius_steps,
     held_tolerance,
+    joints_error,
+    joints_residual,
     law_error,
     line_search,
-    move_trial,
+    move,
     next_relaxation,
 )
-from snake_sim_ros.contact.problem import ContactHistory, Outcome, Solver
+from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Solver
 from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
 from snake_sim_ros.contact.sweeps import forget_others, next_velocity
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
+from snake_sim_ros.dynamics.joint_laws import anchor_axes, linearize_axes
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.planar.equilibrium import (
     add_peg_law,
@@ -228,6 +232,19 @@ def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again
 
 
 @inlined
+def yaw_joints(model: PlanarModel, work: PlanarWorkspace) -> Joints:
+    """Return the laws of the joints in the plane, where only the yaw axes take part."""
+    return Joints(model.joint_laws, work.axes, work.yaw_torque, work.yaw_damping)
+
+
+@inlined
+def yaw_rates(work: PlanarWorkspace) -> None:
+    """Fill the rates of the yaw axes."""
+    for j in range(len(work.twist) - 1):
+        work.axes.rate[j, 0] = work.twist[j + 1, 0] - work.twist[j, 0]
+
+
+@inlined
 def planar_linear_step(
     model: PlanarModel, work: PlanarWorkspace, closed: Array, again: bool
 ) -> None:
@@ -236,6 +253,8 @@ def planar_linear_step(
 
     `again` is as in `add_sliding_laws`.
     """
+    if model.joint_laws.present:
+        linearize_axes(model.joint_laws, work.axes, (work.yaw_torque, work.yaw_damping))
     contacts, chain, n = work.contacts, work.chain, len(work.heading)
     solution, newton = contacts.solution, contacts.newton
     pegs = closed[model.floor :]
@@ -250,6 +269,8 @@ def planar_linear_step(
         for k in range(3):
             v = chain.twist[i, k]
             work.twist[i, k] = work.twist[i, k] + v if again else v
+    if model.joint_laws.present:
+        yaw_rates(work)
     planar_contact_velocities(model, work)
     peg_velocities(pegs, work)
     for a in pegs:
@@ -306,21 +327,22 @@ def iterate_coupled_in_plane(
     model: PlanarModel, work: PlanarWorkspace, closed: Array, limit: int
 ) -> tuple[int, float]:
     """Iterate with the loads of the last iteration; return iterations and residual [m/s]."""
-    laws, contacts = model.laws, work.contacts
+    laws, contacts, joints = model.laws, work.contacts, yaw_joints(model, work)
     residual, iterations, steps = math.inf, 0, COUPLED_ITERATIONS
     while iterations < min(steps, limit):
         before = residual
         planar_linear_step(model, work, closed, iterations > 0)
         find_loads(model, work)
         residual = residual_in_plane(model, closed, contacts)
+        residual = max(residual, joints_residual(joints))
         iterations += 1
         if residual <= laws.residual_tolerance or not math.isfinite(residual):
             break
         if residual < CONVERGES * before and steps < MOST_COUPLED_ITERATIONS:
             steps += 1
         settle_loads(model, work, closed)
-        move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts)
+        move(closed, contacts, joints, 1.0)
+        anchor_what_moves(laws, closed, contacts, joints)
     return iterations, residual
 
 
@@ -334,7 +356,7 @@ def iterate_held_in_plane(
     limit: int,
 ) -> int:
     """Solve the convex problem with held radii and anchors; return the number of iterations."""
-    laws, contacts = model.laws, work.contacts
+    laws, contacts, joints = model.laws, work.contacts, yaw_joints(model, work)
     solution, newton = contacts.solution, contacts.newton
     for a in closed:  # takes no part in the line search
         solution.impulse[a, 0] = newton.iterate[a, 0] = newton.anchor[a, 0]
@@ -342,22 +364,24 @@ def iterate_held_in_plane(
     while iterations < min(HELD_ITERATIONS, limit):
         planar_linear_step(model, work, closed, again or iterations > 0)
         iterations += 1
-        fraction = line_search(laws, closed, contacts, None) if again or iterations > 1 else 1.0
+        fraction = line_search(laws, closed, contacts, joints) if again or iterations > 1 else 1.0
         if fraction == 0.0:
             fraction = 1.0
         for i in range(len(work.twist)):
             for k in range(3):
                 work.twist[i, k] -= (1.0 - fraction) * work.chain.twist[i, k]
-        move_trial(closed, contacts, fraction)
-        if fraction == 1.0 and law_error(laws, closed, contacts, 1.0)[1] <= tolerance:
-            break
+        move(closed, contacts, joints, fraction)
+        if fraction == 1.0:
+            error = law_error(laws, closed, contacts, 1.0)[1]
+            if max(error, joints_error(joints, 1.0)[1]) <= tolerance:
+                break
     return iterations
 
 
 @inlined
-def anchor_what_moves(laws: Laws, closed: Array, contacts: Contacts) -> None:
+def anchor_what_moves(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -> None:
     """
-    Fill the anchors as `anchor_at_iterate`, except for friction of contacts that are still.
+    Fill the anchors as `newton.anchor`, except for friction of contacts that are still.
 
     Contacts that stick share a load in many ways. Rounding, which leaves them a velocity, would
     shift it a little in every round, and the normal loads with it. Where the friction against
@@ -373,6 +397,8 @@ def anchor_what_moves(laws: Laws, closed: Array, contacts: Contacts) -> None:
         if moves or changes_side(laws.other, contacts, a):
             disc = sliding_disc(laws, laws.other, a, newton.iterate[a, 1])
             anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
+    if joints.laws.present:
+        anchor_axes(joints.axes)
 
 
 class PlanarNewton(NamedTuple):
@@ -392,7 +418,7 @@ def solve_planar_contacts(
     limit: int,
 ) -> Outcome:
     """Solve the contacts of a step; see `solve_in_plane`."""
-    laws, contacts = model.laws, work.contacts
+    laws, contacts, joints = model.laws, work.contacts, yaw_joints(model, work)
     newton = contacts.newton
     predict_sliding(closed, contacts, history)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
@@ -410,8 +436,9 @@ def solve_planar_contacts(
         )
         find_loads(model, work)
         residual, _ = natural_map(laws, closed, contacts, laws.residual_tolerance)
-        move_trial(closed, contacts, 1.0)
-        anchor_what_moves(laws, closed, contacts)
+        residual = max(residual, joints_residual(joints))
+        move(closed, contacts, joints, 1.0)
+        anchor_what_moves(laws, closed, contacts, joints)
         along, size = find_radius_steps(closed, contacts)
         relaxation, before = next_relaxation(relaxation, along, before, rounds), size
         end_held(relaxation, closed, contacts)

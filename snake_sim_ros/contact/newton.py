@@ -17,7 +17,7 @@ Far from the solution the method may cycle. Then the line between two iterates i
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
 The radii follow [1]_. Where they cycle for long, a continuation leads to the solution, see
-`continuation`; if it ends on its way, they are held again. There is none where contacts may be
+`continuation`; if it ends on its way, they are held again. There is none where contacts are
 condensed.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
@@ -99,10 +99,13 @@ FEW_ON_FLOOR = 2
 FAR_RESIDUAL = 1e3
 CONVERGES = 0.95  # an iteration that leaves a larger share of the residual does not converge
 NEAR = 1e-5  # unless it is below this: then loads creep until a contact begins to slide [m/s]
-# A line search ends at this share of the smaller slope of both ends, and after so many points: the
-# next iteration goes on from there, for which a better point gains little.
-FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
+# A line search ends at this share of the smaller slope of both ends: the next iteration goes on from
+# there, for which a better point gains little. Where an axis begins to stick, the slope is steep on
+# a part of 1e-4 of the way and less: after some points the interval is halved in every other one.
+FLAT_SLOPE, STEEP, MOST_SEARCHED = 0.1, 8, 40
 REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
+# By which residuals of joints, which are rates, are velocities: they add up along a robot [m].
+LEVER = 10.0
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
@@ -224,11 +227,13 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -
         return 0.0
     enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
-    for _ in range(MOST_SEARCHED):
+    for searched in range(MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
+        if searched >= STEEP and searched % 2 == 0:
+            fraction, side = 0.5 * (low + high), 0
         slope = slope_at(laws, closed, contacts, joints, fraction)
         if abs(slope) <= enough:
-            break
+            return fraction
         if slope > 0.0:
             high, above = fraction, slope
             below *= 0.5 if side > 0 else 1.0
@@ -237,7 +242,7 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -
             low, below = fraction, slope
             above *= 0.5 if side < 0 else 1.0
             side = -1
-    return fraction
+    return low if low > 0.0 else fraction
 
 
 @inlined
@@ -250,18 +255,20 @@ def slope_at(
 
 @compiled
 def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
-    """Return what `joint_laws.axes_error` does; 0 without laws of the joints."""
+    """Return what `joint_laws.axes_error` does, as a velocity; 0 without laws of the joints."""
     if not joints.laws.present:
         return 0.0, 0.0
-    return axes_error(joints.laws, joints.axes, (joints.torque, joints.damping), fraction)
+    loads = joints.torque, joints.damping
+    slope, residual = axes_error(joints.laws, joints.axes, loads, fraction)
+    return slope, LEVER * residual
 
 
 @compiled
 def joints_residual(joints: Joints) -> float:
-    """Return what `joint_laws.axes_residual` does; 0 without laws of the joints."""
+    """Return what `joint_laws.axes_residual` does, as a velocity; 0 without laws of the joints."""
     if not joints.laws.present:
         return 0.0
-    return axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
+    return LEVER * axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
 
 
 @inlined
@@ -564,7 +571,7 @@ def iterate(
     relaxation, before, least = 1.0, 0.0, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
+    stage, continues, may_continue = first_stage(laws, PREDICTED), False, is_on_chain(operator)
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -788,6 +795,14 @@ def solve_prepared(
 
 
 # Numba leaves out branches on None in functions of which `operator` is an argument of its own.
+
+
+@inlined
+def is_on_chain(operator: Operator | None) -> bool:
+    """Return whether the contacts of this step are not condensed."""
+    if operator is not None:
+        return operator.is_condensed[0] == 0
+    return True
 
 
 @inlined

@@ -108,8 +108,10 @@ class LiveRobot:
         """Take the robot out of the graph."""
         self.stop()
         self.inbox.close()
-        if self.node.executor:
-            self.node.executor.remove_node(self.node)
+        if executor := self.node.executor:
+            # Two turns later, since a goal that ends now sends its result in the next one.
+            executor.create_task(executor.create_task, self._trajectories.close)
+            executor.remove_node(self.node)
         self.node.destroy_node()
 
     @property

@@ -270,7 +270,6 @@ class SimNode(Node):
     def delete_robot(self, name: str) -> None:
         """Remove a robot that was spawned."""
         self.robots.pop(name).close()
-        gc.collect()  # which releases its node, so that another one may have its name
 
     # ---- time and state -------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@
 import math
 
 from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
 from geometry_msgs.msg import PoseArray, PoseStamped, Vector3
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from simulation_interfaces.msg import (
     SpawnResult,
 )
 from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.nodes.messages import LATCHED
 
@@ -462,6 +464,33 @@ def test_further_robots_stay_until_a_reset_of_what_was_spawned_or_another_world(
     moved.ok('SpawnEntity', name='two', **fields)
     moved.ok('LoadWorld', world_resource=Resource(uri='sidewinding'))
     assert listed(moved) == [ROBOT]
+
+
+def test_deleted_robot_ends_its_goal_and_leaves_its_name_to_another(moved):
+    """A node that stayed would take the log of the next one of its name, as rcl warns."""
+    node, fields = moved.graph.node, {'entity_resource': Resource(uri=ROBOT)}
+    moved.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_PLAYING))
+    for _ in range(3):
+        moved.ok('SpawnEntity', name='two', initial_pose=base_pose_of(moved, aside=1.0), **fields)
+        action = ActionClient(node, FollowJointTrajectory, '/two/sim/follow_joint_trajectory')
+        moved.graph.until(action.server_is_ready, 'the action')
+        goal = FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = ['joint_1_yaw']
+        goal.trajectory.points = [JointTrajectoryPoint(positions=[0.3])]
+        goal.trajectory.points[0].time_from_start.sec = 60
+        future = action.send_goal_async(goal)
+        moved.graph.until(future.done, 'the answer to a goal')
+        result = future.result().get_result_async()
+        moved.ok('DeleteEntity', entity='two')
+        moved.graph.until(result.done, 'the result of the goal')
+        assert result.result().status == GoalStatus.STATUS_ABORTED
+        assert result.result().result.error_string == 'its robot is gone'
+        moved.graph.until(
+            lambda: ('sim', '/two') not in node.get_node_names_and_namespaces(), 'its end'
+        )
+        action.destroy()
+    moved.pause(True)
+    assert not moved.process.count('already registered')
 
 
 def test_robot_that_cannot_be_spawned(moved):

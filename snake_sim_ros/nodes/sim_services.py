@@ -66,9 +66,18 @@ class Controllable(Loadable, Protocol):
     """A node whose simulated time the services control."""
 
     paused: bool
-    failure: str
-    waiting: str  # a sentence on what simulated time waits for; empty: nothing
-    seconds: float
+
+    @property
+    def failure(self) -> str:
+        """A sentence on why the simulation diverged; empty if it has not."""
+
+    @property
+    def waiting(self) -> str:
+        """A sentence on what simulated time waits for; empty: nothing."""
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
         """Offer a service, as every node can."""

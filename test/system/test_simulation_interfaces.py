@@ -127,8 +127,10 @@ def numbers(message):
 
 
 def test_what_is_announced_is_there(spatial):
-    announced = set(spatial.ok('GetSimulatorFeatures').features.features)
-    assert announced == {getattr(SimulatorFeatures, name) for name in SERVED}
+    features = spatial.ok('GetSimulatorFeatures').features
+    assert set(features.features) == {getattr(SimulatorFeatures, name) for name in SERVED}
+    assert features.spawn_formats == ['urdf']
+    assert 'one link that is a cylinder' in features.custom_info
     offered = dict(spatial.graph.node.get_service_names_and_types())
     for name in SERVED.values():
         assert f'/sim/{name}' in offered

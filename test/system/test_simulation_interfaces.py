@@ -470,25 +470,36 @@ def test_further_robots_stay_until_a_reset_of_what_was_spawned_or_another_world(
 
 def test_deleted_robot_ends_its_goal_and_leaves_its_name_to_another(moved):
     """A node that stayed would take the log of the next one of its name, as rcl warns."""
-    node, fields = moved.graph.node, {'entity_resource': Resource(uri=ROBOT)}
+    graph, fields = moved.graph, {'entity_resource': Resource(uri=ROBOT)}
+
+    def begin(seconds):
+        """Send a goal, wait for feedback, and return its result, which may come later."""
+        heard, goal = [], FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = ['joint_1_yaw']
+        goal.trajectory.points = [JointTrajectoryPoint(positions=[0.1])]
+        goal.trajectory.points[0].time_from_start = Duration(seconds=seconds).to_msg()
+        future = action.send_goal_async(goal, heard.append)
+        graph.until(future.done, 'the answer to a goal')
+        result = future.result().get_result_async()
+        graph.until(lambda: len(heard) > 1 or result.done(), 'feedback')
+        return result
+
     moved.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_PLAYING))
     for _ in range(3):
         moved.ok('SpawnEntity', name='two', initial_pose=base_pose_of(moved, aside=1.0), **fields)
-        action = ActionClient(node, FollowJointTrajectory, '/two/sim/follow_joint_trajectory')
-        moved.graph.until(action.server_is_ready, 'the action')
-        goal = FollowJointTrajectory.Goal()
-        goal.trajectory.joint_names = ['joint_1_yaw']
-        goal.trajectory.points = [JointTrajectoryPoint(positions=[0.3])]
-        goal.trajectory.points[0].time_from_start.sec = 60
-        future = action.send_goal_async(goal)
-        moved.graph.until(future.done, 'the answer to a goal')
-        result = future.result().get_result_async()
+        action = ActionClient(
+            graph.node, FollowJointTrajectory, '/two/sim/follow_joint_trajectory'
+        )
+        graph.until(action.server_is_ready, 'the action')
+        # A result that came shows that requests for results arrive; a late one would find no node.
+        graph.until(begin(0.2).done, 'the result of a goal')
+        result = begin(60.0)
         moved.ok('DeleteEntity', entity='two')
-        moved.graph.until(result.done, 'the result of the goal')
+        graph.until(result.done, 'the result of a goal of a robot that is gone')
         assert result.result().status == GoalStatus.STATUS_ABORTED
         assert result.result().result.error_string == 'its robot is gone'
-        moved.graph.until(
-            lambda: ('sim', '/two') not in node.get_node_names_and_namespaces(), 'its end'
+        graph.until(
+            lambda: ('sim', '/two') not in graph.node.get_node_names_and_namespaces(), 'its end'
         )
         action.destroy()
     moved.pause(True)

@@ -36,12 +36,14 @@ class Driver(Node):
         super().__init__('crawl_and_turn')
         self.timeout = timeout  # s, the longest wait for anything
         self.odom = None
+        self.way = []  # places of the middle link, x and y [m]
         self.create_subscription(Odometry, 'odom', self.on_odom, 10)
         self.cmd_vel = self.create_publisher(Twist, 'cmd_vel', 1)
 
     def on_odom(self, message):
-        """Keep the newest message."""
-        self.odom = message
+        """Keep the newest message, and the way that the robot has gone."""
+        self.odom, place = message, message.pose.pose.position
+        self.way.append((place.x, place.y))
 
     def wait_for(self, condition, what, name):
         """Serve messages until a condition holds; end with one sentence if it does not."""
@@ -77,11 +79,27 @@ class Driver(Node):
         return pose
 
 
+def draw(way, file):
+    """Draw the way of the middle link, seen from above."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 3.6), layout='constrained')
+    axes = figure.subplots()
+    axes.plot(*zip(*way, strict=True))
+    axes.plot(*way[-1], 'o')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set(xlabel='x [m]', ylabel='y [m]')
+    axes.grid(alpha=0.3)
+    figure.savefig(file, dpi=110)
+
+
 def main():
     """Crawl, turn, stop, say where that led to."""
     parser = argparse.ArgumentParser(description='crawl ahead, turn left and stop')
     parser.add_argument('--timeout', type=float, default=10.0, help='longest wait [s]')
-    driver = Driver(parser.parse_args(remove_ros_args()[1:]).timeout)
+    parser.add_argument('--plot', help='a picture of the way, such as crawl_and_turn.png')
+    arguments = parser.parse_args(remove_ros_args()[1:])
+    driver = Driver(arguments.timeout)
     driver.wait_for(driver.cmd_vel.get_subscription_count, 'reader of cmd_vel', 'gait')
     try:
         _, x, y, yaw = driver.drive(0.0, 0.0, 2.0)  # straight, so that yaws compare
@@ -92,6 +110,8 @@ def main():
     _, x_end, y_end, yaw_end = driver.drive(0.0, 0.0, 2.0)
     turn = math.degrees(math.remainder(yaw_end - yaw, 2 * math.pi))
     print(f'moved {math.hypot(x_end - x, y_end - y):.2f} m, turned {turn:.0f} degrees to the left')
+    if arguments.plot:
+        draw(driver.way, arguments.plot)
 
 
 if __name__ == '__main__':

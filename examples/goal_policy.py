@@ -9,6 +9,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
+from snake_sim_ros import run
 import snake_sim_ros.learning
 from snake_sim_ros.learning import PolicyController, SnakeEnv
 
@@ -75,14 +76,33 @@ def Learned(goal: Sequence[float] = (1.5, 1.0), file: str = str(LEARNED)) -> Pol
     return PolicyController(env, policy(file), goal=goal)
 
 
+def draw(file: str, picture: str) -> None:
+    """Draw the ways of the middle link to three goals, and where the robot ends."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 5.4), layout='constrained')
+    axes = figure.subplots()
+    for goal in ((-2.0, 0.0), (-1.5, 1.0), (-1.0, -1.5)):
+        moved = run('lateral_undulation', controller=Learned(goal, file), duration=20.0)
+        (line,) = axes.plot(*moved.path[:, :2].T, lw=1.2)
+        axes.plot(*moved.position[-1, :, :2].T, color=line.get_color(), lw=4.0, alpha=0.5)
+        axes.plot(*goal, 'x', color=line.get_color(), ms=10.0, mew=2.5)
+    axes.set(aspect='equal', xlabel='x [m]', ylabel='y [m]')
+    axes.grid(alpha=0.3)
+    figure.savefig(picture, dpi=110)
+
+
 def main() -> None:
     """Print how well a policy does, beside the gait as it is."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('file', nargs='?', default=LEARNED, help='of the network')
     parser.add_argument('--judged', type=int, default=40, help='episodes with new goals')
+    parser.add_argument('--plot', help='a picture of ways to goals, such as goal_policy.png')
     arguments = parser.parse_args()
     print(f'policy: {judge(policy(arguments.file), arguments.judged)}')
     print(f'gait: {judge(gait, arguments.judged)}')
+    if arguments.plot:
+        draw(str(arguments.file), arguments.plot)
 
 
 if __name__ == '__main__':

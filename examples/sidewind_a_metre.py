@@ -40,13 +40,15 @@ class Sidewinder(Node):
         super().__init__('sidewind_a_metre')
         self.timeout = timeout  # s, the longest wait for anything
         self.odom = None
+        self.way = []  # places of the middle link, x and y [m]
         self.create_subscription(Odometry, 'odom', self.on_odom, 10)
         self.cmd_vel = self.create_publisher(Twist, 'cmd_vel', 1)
         self.gait = AsyncParameterClient(self, 'gait')
 
     def on_odom(self, message):
-        """Keep the newest message."""
-        self.odom = message
+        """Keep the newest message, and the way that the robot has gone."""
+        self.odom, place = message, message.pose.pose.position
+        self.way.append((place.x, place.y))
 
     def wait_for(self, condition, what, name):
         """Serve messages until a condition holds; end with one sentence if it does not."""
@@ -80,11 +82,27 @@ class Sidewinder(Node):
         self.cmd_vel.wait_for_all_acked(Duration(seconds=1))
 
 
+def draw(way, file):
+    """Draw the way of the middle link, seen from above."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 3.6), layout='constrained')
+    axes = figure.subplots()
+    axes.plot(*zip(*way, strict=True))
+    axes.plot(*way[-1], 'o')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set(xlabel='x [m]', ylabel='y [m]')
+    axes.grid(alpha=0.3)
+    figure.savefig(file, dpi=110)
+
+
 def main():
     """Choose the gait, go, watch odom, stop."""
     parser = argparse.ArgumentParser(description='sidewind a meter')
     parser.add_argument('--timeout', type=float, default=10.0, help='longest wait [s]')
-    robot = Sidewinder(parser.parse_args(remove_ros_args()[1:]).timeout)
+    parser.add_argument('--plot', help='a picture of the way, such as sidewind_a_metre.png')
+    arguments = parser.parse_args(remove_ros_args()[1:])
+    robot = Sidewinder(arguments.timeout)
     robot.choose_gait()
     begin, start = now, place = robot.place()
     try:
@@ -94,6 +112,8 @@ def main():
     finally:  # also after Ctrl-C
         robot.ask(0.0)
     print(f'moved {math.dist(place, start):.3f} m in {now - begin:.2f} s')
+    if arguments.plot:
+        draw(robot.way, arguments.plot)
 
 
 if __name__ == '__main__':

@@ -29,6 +29,7 @@ ARGUMENTS = {  # name -> default value and description
     'active': ('joint_state_broadcaster joint_trajectory_controller', 'controllers to start'),
     'inactive': ('forward_position_controller', 'controllers to load only'),
     'real_time_factor': ('1.0', 'speed of simulated time'),
+    'parameters': ('', 'a YAML file of parameters, such as sensors, which sim reads last'),
 }
 
 
@@ -44,11 +45,12 @@ def nodes(context: LaunchContext) -> list[Node]:
         'real_time_factor': float(given['real_time_factor']),
         'publish_robot_description': False,
     }
+    files = [given['parameters']] if given['parameters'] else []
     started = [
         Node(
             package='snake_sim_ros',
             executable='sim',
-            parameters=[own],
+            parameters=[own, *files],
             remappings=[('joint_states', STATES), ('joint_command', COMMANDS)],
             output='screen',
         ),

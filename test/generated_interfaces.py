@@ -133,6 +133,9 @@ def main():
             file.unlink()
         (made / '__init__.py').touch()
         target.mkdir(parents=True, exist_ok=True)
+        for kind in KINDS:  # bags have the definitions of their messages
+            if (source / kind).is_dir():
+                shutil.copytree(source / kind, target / 'share' / source.name / kind)
         shutil.move(made, target / source.name)
 
 

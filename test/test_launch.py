@@ -163,6 +163,8 @@ def test_controllers_find_the_robot_and_its_topics(launch_file):
     started = ['joint_state_broadcaster', 'joint_trajectory_controller']
     assert active.arguments_of == [*started, '--param-file', file]
     assert inactive.arguments_of[-1] == '--inactive'
+    (sensing, *_) = function.function({**values, 'parameters': 'imu.yaml'})
+    assert sensing.parameters == [{**sim.parameters[0], 'scene': values['scene']}, 'imu.yaml']
     # Each controller that is started has its type and joints of the robot in the file.
     given = parse_yaml(Path(file).read_text(encoding='utf-8'))
     names = list(load_scene('sidewinding').robot.axis_names)

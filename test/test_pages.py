@@ -39,8 +39,9 @@ def test_every_page_is_in_the_index():
         assert page.stem in listed | {'index'}, page.name
 
 
-def test_every_example_is_on_the_page_of_examples():
-    page = read('docs/examples.md')
+@pytest.mark.parametrize('name', ['examples', 'gallery'])
+def test_every_example_is_on_the_page_of_examples_and_in_the_gallery(name):
+    page = read(f'docs/{name}.md')
     for path in ROOT.glob('examples/*.*'):
         assert f'(../examples/{path.name})' in page, path.name
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from snake_sim_ros.nodes import standard
 from snake_sim_ros.nodes.live_robot import LiveRobot
-from snake_sim_ros.nodes.messages import WORLD
+from snake_sim_ros.nodes.messages import stamp_from, WORLD
 from snake_sim_ros.nodes.placing import base_pose, base_twist, UnusablePose
 from snake_sim_ros.nodes.spawning import Spawning
 from snake_sim_ros.nodes.standard import answered, Refused
@@ -90,7 +90,7 @@ class EntityServices:
         self._on_list(request, response)
         for name in response.entities:
             response.states.append(standard.messages.EntityState())
-            fill_state(response.states[-1], self._state(name))
+            self._fill(response.states[-1], self._state(name))
         return response
 
     def _on_info(self, request: Any, response: Any) -> Any:
@@ -115,7 +115,7 @@ class EntityServices:
         except ParameterError as error:
             why = f'{error}, the robot {ROBOT_NAME}'
             return answered(response, codes.RESULT_NOT_FOUND, why)
-        fill_state(response.state, state)
+        self._fill(response.state, state)
         return answered(response, codes.RESULT_OK)
 
     def _on_bounds(self, request: Any, response: Any) -> Any:
@@ -180,6 +180,15 @@ class EntityServices:
         positions, orientations = own_poses(robot, state.q)
         twist = base_twist(robot, state, link)
         return EntityState(positions[link], orientations[link, [1, 2, 3, 0]], *twist)
+
+    def _fill(self, message: Any, state: EntityState) -> None:
+        """Fill an EntityState of now."""
+        message.header.stamp = stamp_from(self._robots[ROBOT_NAME].nanoseconds)
+        message.header.frame_id = WORLD
+        fill(message.pose.position, 'xyz', state.position)
+        fill(message.pose.orientation, 'xyzw', state.orientation)
+        fill(message.twist.linear, 'xyz', state.velocity)
+        fill(message.twist.angular, 'xyz', state.spin)
 
     def _axis(self, peg: str) -> Array:
         """Return x, y and radius of a peg, shape (3,) [m]."""
@@ -267,15 +276,6 @@ def link_ends(scene: Scene, q: Array) -> tuple[Array, Array]:
 
 
 # ---- messages -----------------------------------------------------------------------------------
-
-
-def fill_state(message: Any, state: EntityState) -> None:
-    """Fill an EntityState."""
-    message.header.frame_id = WORLD
-    fill(message.pose.position, 'xyz', state.position)
-    fill(message.pose.orientation, 'xyzw', state.orientation)
-    fill(message.twist.linear, 'xyz', state.velocity)
-    fill(message.twist.angular, 'xyz', state.spin)
 
 
 def fill(message: Any, names: str, values: Array) -> None:

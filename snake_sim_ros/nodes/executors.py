@@ -113,7 +113,7 @@ class CountingExecutor(SingleThreadedExecutor):
 
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
         """Return what is ready next; `spin_once` calls it, which ends with an error of rclpy."""
-        found = super().wait_for_ready_callbacks(*args, **kwargs)
+        found: Any = super().wait_for_ready_callbacks(*args, **kwargs)
         self.served += 1
         return found
 

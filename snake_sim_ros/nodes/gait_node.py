@@ -153,6 +153,7 @@ class GaitNode(Node):
             return
         if self.begin is None:
             self._begin(now.nanoseconds)
+        assert self.begin is not None
         self._stop_unsteered(now.nanoseconds)
         seconds = 1e-9 * (now.nanoseconds - self.begin)
         if self.target != self.blend.gait:

@@ -105,12 +105,16 @@ class LiveRobot:
         self._trajectories.drop()
 
     def close(self) -> None:
-        """Take the robot out of the graph."""
+        """Take the robot out of the graph, but for the result of a goal that ends with it."""
         self.stop()
         self.inbox.close()
         if self.node.executor:
             self.node.executor.remove_node(self.node)
         self.node.destroy_node()
+
+    def release(self) -> None:
+        """Give up the node of a closed robot, so that another one may have its name."""
+        self._trajectories.close()
 
     @property
     def scene(self) -> Scene:

@@ -50,6 +50,7 @@ from snake_sim_ros.stepping.simulation import Simulation
 BACKLOG = 0.2  # s of wall time that the node may lag before it stops trying to catch up
 WAIT = 0.1  # s, the longest wait for a message in one go
 REPORT_PERIOD = 5.0  # s between two lines in the log while the node waits for the compiler
+LINGER = 1.0  # s of wall time in which the result of a goal of a deleted robot is delivered
 SERVICE = 5e-3  # s of wall time between two looks for messages if it runs as fast as possible
 
 
@@ -106,6 +107,7 @@ class SimNode(Node):
             reason = str(error).partition(', at ')[0] or 'a value is of the wrong type'
             raise ParameterError(f'qos_overrides of {", ".join(overrides)}: {reason}') from None
         self.robots = {ROBOT_NAME: robot}
+        self._leaving: list[tuple[LiveRobot, float]] = []
         self._take_parameters()
         self.compiler: Compiler | None = None
         self._load_code()
@@ -249,6 +251,7 @@ class SimNode(Node):
         simulation = Simulation(self.robot.scene)
         Placing(simulation, lambda: None).rest_at(stamped.header.frame_id, stamped.pose)
         simulation.step_count = self.simulation.step_count
+        self._release_robots(time.monotonic())
         node = Node(
             self.get_name(),
             namespace=namespace,
@@ -269,8 +272,16 @@ class SimNode(Node):
 
     def delete_robot(self, name: str) -> None:
         """Remove a robot that was spawned."""
-        self.robots.pop(name).close()
-        gc.collect()  # which releases its node, so that another one may have its name
+        robot = self.robots.pop(name)
+        robot.close()
+        self._leaving.append((robot, time.monotonic()))
+
+    def _release_robots(self, before: float) -> None:
+        """Give up the nodes of robots that were deleted before a time [s]."""
+        for robot, end in self._leaving:
+            if end <= before:
+                robot.release()
+        self._leaving = [item for item in self._leaving if item[1] > before]
 
     # ---- time and state -------------------------------------------------------------------------
 
@@ -349,6 +360,7 @@ class SimNode(Node):
     def publish_diagnostics(self) -> None:
         """Publish the state of the simulation and of its commands on /diagnostics."""
         factor, warnings = self.settings.real_time_factor, []
+        self._release_robots(time.monotonic() - LINGER)
         # The node advances by whole periods, so it may reach one of them less.
         if self.waiting:
             warnings.append(self.waiting)

@@ -40,6 +40,10 @@ from snake_sim_ros.stepping.simulation import Simulation
 
 DIVERGED = 'diverged: call ~/reset first'
 STILL_RUNNING = 'not paused: call ~/pause with true first'
+ABOUT = (
+    'snake_sim_ros: a step is one publish period; a URDF that is spawned must be of one link that '
+    'is a cylinder; further robots have the uri snake_robot; worlds are scenes, by name or file'
+)
 FEATURES = {  # what serves it -> features
     'GetEntities': ('ENTITY_BOUNDS_BOX', 'ENTITY_CATEGORIES'),
     'GetEntityBounds': ('ENTITY_BOUNDS',),
@@ -66,9 +70,18 @@ class Controllable(Loadable, Protocol):
     """A node whose simulated time the services control."""
 
     paused: bool
-    failure: str
-    waiting: str  # a sentence on what simulated time waits for; empty: nothing
-    seconds: float
+
+    @property
+    def failure(self) -> str:
+        """A sentence on why the simulation diverged; empty if it has not."""
+
+    @property
+    def waiting(self) -> str:
+        """A sentence on what simulated time waits for; empty: nothing."""
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
 
     def create_service(self, kind: Any, name: str, callback: Any) -> Any:
         """Offer a service, as every node can."""
@@ -158,7 +171,7 @@ class StandardServices:
         ]
         response.features.features = sorted(known)
         response.features.spawn_formats = ['urdf'] if self.despawn else []
-        response.features.custom_info = 'snake_sim_ros: a step is one publish period'
+        response.features.custom_info = ABOUT
         return response
 
     def _on_get_state(self, _: Any, response: Any) -> Any:

@@ -4,7 +4,8 @@
 What is spawned and deleted while `sim` runs, by the services of simulation_interfaces.
 
 A peg is a round vertical post of any height. Its resource is the URI `peg`, or a URDF of one link
-that is a cylinder. The first peg of a scene needs other machine code: simulated time waits for it.
+that is a cylinder, as text or as a file. The first peg of a scene needs other machine code:
+simulated time waits for it.
 
 A robot with the URI `snake_robot` is another one like that of the scene, among the same obstacles,
 with the topics of a namespace. Robots do not touch each other.
@@ -12,7 +13,11 @@ with the topics of a namespace. Robots do not touch each other.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from io import StringIO
+import math
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+from xml.etree import ElementTree
 
 from geometry_msgs.msg import PoseStamped
 import numpy as np
@@ -24,18 +29,32 @@ from snake_sim_ros.nodes import standard
 from snake_sim_ros.nodes.live_robot import LiveRobot
 from snake_sim_ros.nodes.placing import check_frame, FARTHEST, numbers_of, UNIT_ERROR
 from snake_sim_ros.nodes.standard import Refused
-from snake_sim_ros.scene.checked_records import ParameterError, quoted
-from snake_sim_ros.scene.parameters import Pegs, Scene
+from snake_sim_ros.nodes.worlds import path_of
+from snake_sim_ros.scene.checked_records import cut, ParameterError, quoted
+from snake_sim_ros.scene.files import is_file, read_text
+from snake_sim_ros.scene.parameters import Array, Pegs, Scene
 from snake_sim_ros.scene.robot_description import ROBOT_NAME
+from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.urdf_elements import read
 
 PEG = 'peg_'
 URI = 'peg'
 RADIUS = 0.05  # m, of a peg without a URDF
-UPRIGHT = 1e-3  # by which the cosine of the tilt of a peg may be off 1
+UPRIGHT = 0.05  # rad by which a peg may be tilted
 INSIDE = 1e-6  # m by which a link may be inside a peg that is spawned
 MOST = 200  # pegs
 MOST_ROBOTS = 20
+KNOWN = f'{URI}, {ROBOT_NAME} or a file that ends with .urdf'
+WANTED = 'a peg is a URDF of one link that is a cylinder'
+FURTHER = f'further robots are like that of the scene, with the uri {ROBOT_NAME}'
+
+
+class Post(NamedTuple):
+    """A peg as its resource describes it."""
+
+    name: str = ''
+    radius: float = RADIUS  # [m]
+    pose: Array = np.eye(4)  # of its axis in the frame of the entity
 
 
 class Inhabited(Protocol):
@@ -155,27 +174,27 @@ class Spawning:
 
     def _spawn(self, request: Any, response: Any, codes: Any) -> None:
         """Spawn a peg or a robot, or fill the result with the reason why not."""
-        result, is_robot = response.result, request.entity_resource.uri == ROBOT_NAME
+        result, resource = response.result, request.entity_resource
         try:
-            name = self._free_name(request, ROBOT_NAME if is_robot else URI, codes)
-            if is_robot:
+            if resource.uri == ROBOT_NAME:
+                name = self._free_name(request, ROBOT_NAME, request.name, codes)
                 self._add_robot(name, request, codes)
             else:
-                radius = radius_of(request.entity_resource, codes)
-                x, y = place_of(request.initial_pose, codes)
-                self._add(name, x, y, radius, codes)
+                post = post_of(resource, codes)
+                name = self._free_name(request, URI, request.name or post.name, codes)
+                self._add(name, *place_of(request.initial_pose, post, codes), post.radius, codes)
         except Refused as error:
             result.result, result.error_message = error.code, str(error)
             return
         result.result, response.entity_name = standard.messages.Result.RESULT_OK, name
 
-    def _free_name(self, request: Any, kind: str, codes: Any) -> str:
-        """Return the name of what is new."""
-        taken, name = {*self._world.robots, *self.pegs}, request.name
+    def _free_name(self, request: Any, kind: str, name: str, codes: Any) -> str:
+        """Return the name of what is new, which may be taken or empty, if it may be renamed."""
+        taken = {*self._world.robots, *self.pegs}
         if name and name not in taken:
             if not name.replace('_', '').isalnum() or len(name) > 100:
                 raise Refused(codes.NAME_INVALID, f'{quoted(name)} must be letters, digits and _')
-            return str(name)
+            return name
         if not request.allow_renaming:
             code = codes.NAME_NOT_UNIQUE if name else codes.NAME_INVALID
             raise Refused(code, f'there is {name} already' if name else f'a {kind} needs a name')
@@ -236,39 +255,74 @@ def pegs_at(pegs: Pegs, axes: Any) -> Pegs:
     return replace(pegs, x=x, y=y, radius=radius or RADIUS)
 
 
-def radius_of(resource: Any, codes: Any) -> float:
-    """Return the radius of the peg that is a resource [m]."""
+def post_of(resource: Any, codes: Any) -> Post:
+    """Return the peg that is a resource; raise Refused if it is none."""
+    if resource.uri == URI:
+        return Post()
     if not (resource.uri or resource.resource_string):
-        raise Refused(codes.NO_RESOURCE, f'uri must be {URI}, or resource_string a URDF')
-    if resource.uri:
-        if resource.uri != URI:
-            known = f'{URI} or {ROBOT_NAME}'
-            raise Refused(
-                codes.UNSUPPORTED_FORMAT, f'uri must be {known}, got {resource.uri[:100]}'
-            )
-        return RADIUS
+        raise Refused(codes.NO_RESOURCE, f'uri must be {KNOWN}, or resource_string a URDF')
+    text = text_of(resource.uri, codes) if resource.uri else resource.resource_string
+    root = root_of(text)
+    if root is not None and root.tag != 'robot':
+        raise Refused(
+            codes.UNSUPPORTED_FORMAT, f'it must be a URDF, <robot>, got <{cut(root.tag)}>'
+        )
     try:
-        parts, hinges, _ = read(resource.resource_string)
+        parts, hinges, _ = read(text)
     except ParameterError as error:
-        raise Refused(codes.RESOURCE_PARSE_ERROR, str(error)) from None
+        raise Refused(codes.RESOURCE_PARSE_ERROR, f'the URDF: {error}') from None
     solids = [solid for part in parts for solid in part.solids]
-    if hinges or len(solids) != 1 or solids[0].kind != 'cylinder':
-        raise Refused(codes.UNSUPPORTED_FORMAT, 'the URDF must be of one link that is a cylinder')
-    return float(solids[0].size[0])
+    kinds = ', '.join(solid.kind for solid in solids) or 'no shape'
+    if any(solid.kind == 'mesh' for solid in solids):
+        raise Refused(codes.UNSUPPORTED_ASSETS, f'{WANTED}, got a mesh')
+    if hinges or len(parts) > 1 or kinds != 'cylinder':
+        unsupported = standard.messages.Result.RESULT_FEATURE_UNSUPPORTED
+        got = f'{len(parts)} links' if len(parts) > 1 else kinds
+        raise Refused(unsupported, f'{WANTED}, got {got}; {FURTHER}')
+    name = '' if root is None else root.get('name', '')
+    return Post(name, float(solids[0].size[0]), solids[0].pose)
 
 
-def place_of(stamped: Any, codes: Any) -> tuple[float, float]:
-    """Return x and y of an upright pose in the world [m]."""
+def text_of(uri: str, codes: Any) -> str:
+    """Return the text of the URDF at a URI; raise Refused if there is none."""
+    path, missing = Path(path_of(uri)), standard.messages.Result.RESULT_NOT_FOUND
+    if path.suffix != '.urdf':
+        raise Refused(codes.UNSUPPORTED_FORMAT, f'uri must be {KNOWN}, got {quoted(uri)}')
+    try:
+        if is_file(path):
+            return read_text(path)
+    except ParameterError as error:
+        raise Refused(missing, str(error)) from None
+    raise Refused(missing, f'there is no file {quoted(str(path))}')
+
+
+def root_of(text: str) -> ElementTree.Element | None:
+    """Return the first element of XML, without what is in it; None if it is no XML."""
+    try:
+        _, root = next(ElementTree.iterparse(StringIO(text), ['start']))
+    except (ElementTree.ParseError, StopIteration, ValueError):
+        return None
+    return root
+
+
+def place_of(stamped: Any, post: Post, codes: Any) -> tuple[float, float]:
+    """Return x and y of the axis of an upright peg in the world [m]."""
     try:
         check_frame(stamped.header.frame_id)
-        x, y, _ = numbers_of(stamped.pose.position, 'xyz', 'position')
-        turned = numbers_of(stamped.pose.orientation, 'xyzw', 'orientation')
-        if not abs(np.linalg.norm(turned) - 1.0) <= UNIT_ERROR:
-            raise ParameterError('orientation must be a unit quaternion')
-        if 1.0 - 2.0 * (turned[0] ** 2 + turned[1] ** 2) < 1.0 - UPRIGHT:
-            raise ParameterError('a peg must stand upright')
-        if max(abs(x), abs(y)) > FARTHEST:
-            raise ParameterError(f'position must be within {FARTHEST:g} m')
+        place = numbers_of(stamped.pose.position, 'xyz', 'position')
+        x, y, z, w = numbers_of(stamped.pose.orientation, 'xyzw', 'orientation')
+        norm = float(np.linalg.norm((x, y, z, w)))
+        if not abs(norm - 1.0) <= UNIT_ERROR:
+            raise ParameterError(f'orientation must be a unit quaternion, got norm {norm:.4g}')
+        turn = rotation_matrices(np.array([w, x, y, z]) / norm)
+        tilt = math.acos(min(1.0, abs((turn @ post.pose[:3, 2])[2])))
+        if tilt > UPRIGHT:
+            raise ParameterError(f'a peg must stand upright, got a tilt of {tilt:.3g} rad')
+        place += turn @ post.pose[:3, 3]
+        if np.abs(place[:2]).max() > FARTHEST:
+            raise ParameterError(
+                f'position must be within {FARTHEST:g} m, got ({place[0]:g}, {place[1]:g}) m'
+            )
     except ParameterError as error:
         raise Refused(codes.INVALID_POSE, str(error)) from None
-    return float(x), float(y)
+    return float(place[0]), float(place[1])

@@ -110,7 +110,7 @@ def tolerance_from(field: str, given: Sequence[Any], names: Sequence[str]) -> To
 REACHED, INVALID_GOAL, OFF_PATH, GOAL_MISSED = 0, -1, -4, -5  # numbers of FollowJointTrajectory
 FEEDBACK_PERIOD = 0.05  # s of simulated time, as that of a joint_trajectory_controller
 CANCELED, REPLACED = 'canceled', 'another command took over its joints'
-GONE = 'its world was unloaded'
+GONE = 'its robot is gone'
 
 
 @dataclass
@@ -158,8 +158,26 @@ class TrajectoryAction:
 
     def __init__(self, inbox: CommandInbox, kind: Any) -> None:
         self._inbox, self._kind = inbox, kind
+        self._server: Any = None
         self._goal: Any = None
         self._followed: Followed | None = None
+
+    def serve(self, node: Node) -> None:
+        """Serve the action by a node."""
+        self._server = ActionServer(
+            node,
+            self._kind,
+            '~/follow_joint_trajectory',
+            execute_callback=lambda goal: None,  # Each goal gets one of its own.
+            goal_callback=self.on_goal,
+            handle_accepted_callback=self.on_accepted,
+            cancel_callback=self.on_cancel,
+        )
+
+    def close(self) -> None:
+        """Serve no more, which a node that was destroyed waits for."""
+        if self._server:
+            self._server.destroy()
 
     def on_goal(self, request: Any) -> GoalResponse:
         """Take the trajectory of a goal or reject it; the log says why."""
@@ -262,13 +280,5 @@ def serve_trajectories(node: Node, inbox: CommandInbox) -> TrajectoryAction:
     """Return the action of a node; it is served if its package is installed."""
     action = TrajectoryAction(inbox, FollowJointTrajectory)
     if FollowJointTrajectory is not None:
-        ActionServer(
-            node,
-            FollowJointTrajectory,
-            '~/follow_joint_trajectory',
-            execute_callback=lambda goal: None,  # Each goal gets one of its own.
-            goal_callback=action.on_goal,
-            handle_accepted_callback=action.on_accepted,
-            cancel_callback=action.on_cancel,
-        )
+        action.serve(node)
     return action

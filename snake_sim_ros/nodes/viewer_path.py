@@ -9,12 +9,12 @@ the node `follow` takes it.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from snake_sim_ros.controllers.paths import PlanarPath
@@ -39,8 +39,8 @@ class PathDrawing:
 
     Parameters
     ----------
-    node : Node
-        Has `warn`, as the viewer.
+    node
+        A Node that has `warn`, as the viewer.
     controls : Controls
     following : Following
         The path at the start, if there is one, and whether paths are closed.
@@ -51,7 +51,7 @@ class PathDrawing:
 
     def __init__(
         self,
-        node: Node,
+        node: Any,
         controls: Controls,
         following: Following,
         place: Callable[[], Array | None],

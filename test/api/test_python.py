@@ -417,13 +417,19 @@ def test_example_compliant(monkeypatch, capsys, tmp_path):
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
-def test_example_own_controller(monkeypatch, capsys):
-    text = example('own_controller', monkeypatch, capsys, '--duration', 1)
+def test_example_own_controller(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'turned.png'
+    text = example('own_controller', monkeypatch, capsys, '--duration', 1, '--plot', path)
     assert re.fullmatch(r't = 1 s: turned by -?\d+\.\d degrees\n', text)
+    assert path.read_bytes().startswith(b'\x89PNG')
 
 
-def test_example_own_robot(monkeypatch, capsys):
-    text = example('own_robot', monkeypatch, capsys, '--duration', 0.3)
+def test_example_own_robot(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    path = tmp_path / 'ways.png'
+    text = example('own_robot', monkeypatch, capsys, '--duration', 0.3, '--plot', path)
+    assert path.read_bytes().startswith(b'\x89PNG')
     assert re.findall(r'friction (\S+): 0\.\d{4} m/s, \d\.\d\d J\n', text) == ['0.3', '0.5', '0.7']
 
 

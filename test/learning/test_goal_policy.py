@@ -20,8 +20,10 @@ from snake_sim_ros.learning.tasks import REACHED
 SCRIPT = Path(__file__).resolve().parents[2] / 'examples' / 'goal_policy.py'
 
 
-def test_example_judges_the_network_that_comes_with_it(monkeypatch, capsys):
-    monkeypatch.setattr('sys.argv', [str(SCRIPT), '--judged', '20'])
+def test_example_judges_the_network_that_comes_with_it(monkeypatch, capsys, tmp_path):
+    pytest.importorskip('matplotlib')
+    picture = tmp_path / 'ways.png'
+    monkeypatch.setattr('sys.argv', [str(SCRIPT), '--judged', '20', '--plot', str(picture)])
     runpy.run_path(str(SCRIPT), run_name='__main__')
     found = re.fullmatch(
         r'policy: reward (\d\.\d\d), (\d+) % of the goals reached\n'
@@ -32,6 +34,7 @@ def test_example_judges_the_network_that_comes_with_it(monkeypatch, capsys):
     # 1 for the goal and 1.6 m of way to it on average, less the energy.
     assert float(found[1]) > 1.8
     assert int(found[2]) >= 95 > 20 >= int(found[3])
+    assert picture.read_bytes().startswith(b'\x89PNG')
 
 
 def test_command_of_the_page_runs(monkeypatch, capsys):

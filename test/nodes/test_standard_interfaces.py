@@ -340,7 +340,10 @@ class Entities:
         self.simulation, self.services, self.moved = Simulation(scene), {}, 0
         handling = SimpleNamespace(placing=Placing(self.simulation, self.count))
         robot = SimpleNamespace(
-            simulation=self.simulation, handling=handling, scene=self.simulation.scene
+            simulation=self.simulation,
+            handling=handling,
+            scene=self.simulation.scene,
+            nanoseconds=0,
         )
         self.node = SimpleNamespace(
             world='it is there',

@@ -134,7 +134,7 @@ def test_canceled_goal_is_stopped(action):
 def test_goal_of_a_robot_that_is_gone_ends(action):
     goal = start(action, 1)
     action.drop()
-    assert (goal.end, goal.result.error_string) == ('aborted', 'its world was unloaded')
+    assert (goal.end, goal.result.error_string) == ('aborted', 'its robot is gone')
     assert action._inbox.watch is None
 
 

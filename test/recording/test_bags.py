@@ -30,12 +30,14 @@ from snake_sim_ros.stepping.state import initial_state
 pytest.importorskip('mcap_ros2')  # bag_writer needs it
 from snake_sim_ros.nodes.bag_writer import BagWriter, RunTopics, schema_text
 from snake_sim_ros.nodes.sensor_topics import SensorTopics
+from snake_sim_ros.nodes.state_publishers import TransformMessages
 
 Reader = pytest.importorskip('rosbags.rosbag2').Reader
 typesys = pytest.importorskip('rosbags.typesys')
 
 TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 STATES = QoSProfile(depth=10)
+LATCHED = ('/robot_description', '/tf_static')  # topics
 
 
 @pytest.fixture(scope='module')
@@ -63,15 +65,17 @@ def test_another_reader_finds_all_topics(recorded):
                 for _, stamp, data in reader.messages([connection])
             ]
             latched = connection.ext.offered_qos_profiles[0].durability.name
-            assert (latched == 'TRANSIENT_LOCAL') == (connection.topic == '/robot_description')
+            assert (latched == 'TRANSIENT_LOCAL') == (connection.topic in LATCHED)
     samples = len(trajectory.time)
     assert samples == 241
+    transforms = {'/tf': samples, '/tf_static': 1} if TransformMessages.available else {}
     assert {topic: len(messages) for topic, messages in found.items()} == {
         '/robot_description': 1,
         **dict.fromkeys(['/joint_command', '/joint_states', '/link_poses'], samples),
         **dict.fromkeys(['/odom', '/clock'], samples),
         '/markers': 36 + 1,
         '/diagnostics': 1,
+        **transforms,
     }
     # The stamps and the times of the bag have 200 states a second of simulated time.
     for topic in ('/joint_command', '/joint_states', '/link_poses', '/odom', '/clock'):

@@ -21,10 +21,11 @@ PNG = b'\x89PNG\r\n\x1a\n'
 END = 60.0  # s for a script to end; each of its waits may take half of that
 
 
-def script(graph, folder, name, timeout=END / 2, is_background=False):
+def script(graph, folder, name, *words, timeout=END / 2, is_background=False):
     """Start a script in the domain of a graph."""
     path, where = ROOT / 'examples' / f'{name}.py', {'folder': folder, 'domain': graph.domain}
-    process = forks.script(path, '--timeout', str(timeout), is_background=is_background, **where)
+    words = '--timeout', str(timeout), *words
+    process = forks.script(path, *words, is_background=is_background, **where)
     process.graph = graph
     return process
 
@@ -56,9 +57,11 @@ def started(make_graph, watching, folder):
         gait.wait_for(
             'the gait begins', END
         )  # simulated time runs fast while nodes find each other
-    scripts['crawl_and_turn'] = script(crawling, folder, 'crawl_and_turn')
+    drawn = '--plot', 'crawl_and_turn.png'
+    scripts['crawl_and_turn'] = script(crawling, folder, 'crawl_and_turn', *drawn)
     scripts['record_torque'] = script(crawling, folder, 'record_torque')
-    scripts['sidewind_a_metre'] = script(sidewinding, folder, 'sidewind_a_metre')
+    drawn = '--plot', 'sidewind_a_metre.png'
+    scripts['sidewind_a_metre'] = script(sidewinding, folder, 'sidewind_a_metre', *drawn)
     yield scripts
     for process in scripts.values():
         process.kill()
@@ -98,10 +101,11 @@ def test_scripts_are_those_of_a_user(name):
     assert not re.search(r'^\s*(import|from) snake_sim_ros', text, re.MULTILINE)
 
 
-def test_sidewind_a_metre(started):
+def test_sidewind_a_metre(started, folder):
     moved, seconds = numbers(started, 'sidewind_a_metre', 'moved # m in # s')
     assert 1.0 <= moved < 1.05
     assert 4.0 < seconds < 20.0  # 0.2 m/s is asked for
+    assert (folder / 'sidewind_a_metre.png').read_bytes().startswith(PNG)
 
 
 def test_record_torque(started, folder):
@@ -121,12 +125,13 @@ def test_record_torque(started, folder):
     assert (folder / 'torque.png').read_bytes().startswith(PNG)
 
 
-def test_crawl_and_turn(started):
+def test_crawl_and_turn(started, folder):
     # The script asks for 1.2 m and 52 degrees; the first wave turns the robot by itself, and a
     # busy machine takes some of the way, since the gait follows a clock that comes late.
     moved, turned = numbers(started, 'crawl_and_turn', 'moved # m, turned # degrees')
     assert 0.5 < moved < 1.3
     assert 30 < turned < 80
+    assert (folder / 'crawl_and_turn.png').read_bytes().startswith(PNG)
 
 
 def test_step_response(started, folder):

@@ -5,6 +5,7 @@
 import math
 
 from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
 from geometry_msgs.msg import PoseArray, PoseStamped, Vector3
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from simulation_interfaces.msg import (
     SpawnResult,
 )
 from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from snake_sim_ros.nodes.messages import LATCHED
 
@@ -125,8 +127,10 @@ def numbers(message):
 
 
 def test_what_is_announced_is_there(spatial):
-    announced = set(spatial.ok('GetSimulatorFeatures').features.features)
-    assert announced == {getattr(SimulatorFeatures, name) for name in SERVED}
+    features = spatial.ok('GetSimulatorFeatures').features
+    assert set(features.features) == {getattr(SimulatorFeatures, name) for name in SERVED}
+    assert features.spawn_formats == ['urdf']
+    assert 'one link that is a cylinder' in features.custom_info
     offered = dict(spatial.graph.node.get_service_names_and_types())
     for name in SERVED.values():
         assert f'/sim/{name}' in offered
@@ -244,6 +248,13 @@ def at(x, y):
     return pose
 
 
+def turned(pose, axis, angle):
+    """Return a pose turned about an axis [rad]."""
+    setattr(pose.pose.orientation, axis, math.sin(angle / 2))
+    pose.pose.orientation.w = math.cos(angle / 2)
+    return pose
+
+
 def listed(sim):
     return sim.ok('GetEntities').entities
 
@@ -269,6 +280,9 @@ def test_pegs_are_spawned_deleted_and_gone_after_a_reset(spatial):
     assert spatial.put(wanted, twist=True) == (Result.RESULT_OK, '')
     spatial.ok('StepSimulation', steps=40)
     assert spatial.entity('link_1').pose.position.x > start.x - 0.4
+    state = spatial.ok('GetEntityState', entity='wide').state
+    assert state.header.frame_id == 'world'
+    assert state.header.stamp.nanosec == round(1e9 * spatial.now) == 200_000_000
     spatial.ok('DeleteEntity', entity='post')
     assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'wide']
     spatial.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_SPAWNED)
@@ -278,15 +292,11 @@ def test_pegs_are_spawned_deleted_and_gone_after_a_reset(spatial):
 
 def test_peg_that_cannot_be_spawned(spatial):
     codes, peg = srv.SpawnEntity.Response, Resource(uri='peg')
-    tilted = at(4.0, 0.0)
-    tilted.pose.orientation.x, tilted.pose.orientation.w = math.sqrt(0.5), math.sqrt(0.5)
+    tilted = turned(at(4.0, 0.0), 'x', math.pi / 2)
     for name, resource, pose, code in (
         ('peg_1', peg, at(4.0, 0.0), codes.NAME_NOT_UNIQUE),
         ('', peg, at(4.0, 0.0), codes.NAME_INVALID),
         ('a b', peg, at(4.0, 0.0), codes.NAME_INVALID),
-        ('a', Resource(), at(4.0, 0.0), codes.NO_RESOURCE),
-        ('a', Resource(uri='house.sdf'), at(4.0, 0.0), codes.UNSUPPORTED_FORMAT),
-        ('a', Resource(resource_string='<robot'), at(4.0, 0.0), codes.RESOURCE_PARSE_ERROR),
         ('a', peg, at(0.0, 0.0), codes.INVALID_POSE),  # where the robot is
         ('a', peg, at(math.nan, 0.0), codes.INVALID_POSE),
         ('a', peg, tilted, codes.INVALID_POSE),
@@ -306,6 +316,62 @@ def test_peg_that_cannot_be_spawned(spatial):
     assert results == [Result.RESULT_OK, SpawnResult.NAME_NOT_UNIQUE]
     assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2', 'peg_1_1', 'a']
     spatial.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_STOPPED))
+    assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2']
+
+
+def test_urdf_of_a_peg_gives_its_name_and_the_place_of_its_axis(spatial, tmp_path):
+    file = tmp_path / 'a post.urdf'
+    origin = '<origin xyz="0.5 0 0.5" rpy="0 0 1"/>'
+    file.write_text(POST.replace('<geometry>', f'{origin}<geometry>'))
+    pose = turned(at(4.0, 2.0), 'z', math.pi / 2)
+    # By its file, as a URI and as a path, and as text; the uri counts where both are given.
+    for resource, name, place in (
+        (Resource(uri=file.as_uri()), 'post', [4.0, 2.5, 0.0]),
+        (Resource(uri=str(file), resource_string='<robot'), 'post_1', [4.0, 2.5, 0.0]),
+        (Resource(resource_string=POST), 'post_2', [4.0, 2.0, 0.0]),
+    ):
+        fields = {'entity_resource': resource, 'initial_pose': pose, 'allow_renaming': True}
+        assert spatial.ok('SpawnEntity', **fields).entity_name == name
+        assert numbers(spatial.entity(name).pose.position) == pytest.approx(place)
+        assert spatial.ok('GetEntityBounds', entity=name).bounds.points[0].x == pytest.approx(0.2)
+    response, code = spatial.ask(
+        'SpawnEntity', entity_resource=Resource(resource_string=POST), initial_pose=pose
+    )
+    assert code == srv.SpawnEntity.Response.NAME_NOT_UNIQUE and 'post already' in str(response)
+    # On its side it is no post, unless the pose stands it up.
+    lying = Resource(
+        resource_string=POST.replace('<geometry>', '<origin rpy="0 1.5708 0"/><geometry>')
+    )
+    fields = {'name': 'raised', 'entity_resource': lying, 'initial_pose': at(4.0, -2.0)}
+    response, code = spatial.ask('SpawnEntity', **fields)
+    assert code == srv.SpawnEntity.Response.INVALID_POSE and 'a tilt of 1.57 rad' in str(response)
+    turned(fields['initial_pose'], 'y', math.pi / 2)
+    spatial.ok('SpawnEntity', **fields)
+
+
+def test_resource_that_cannot_be_spawned_is_refused_with_a_code_and_the_reason(spatial, tmp_path):
+    codes, missing = srv.SpawnEntity.Response, tmp_path / 'missing.urdf'
+    two = POST.replace('</robot>', '<link name="other"/></robot>')
+    box = POST.replace('cylinder radius="0.2" length="1"', 'box size="1 1 1"')
+    mesh = POST.replace('cylinder radius="0.2" length="1"', 'mesh filename="a.stl"')
+    known = 'uri must be peg, snake_robot or a file that ends with .urdf'
+    for resource, code, said in (
+        (Resource(), codes.NO_RESOURCE, f'{known}, or resource_string a URDF'),
+        (Resource(uri='model://post'), codes.UNSUPPORTED_FORMAT, f"{known}, got 'model://post'"),
+        (Resource(uri='house.sdf'), codes.UNSUPPORTED_FORMAT, "got 'house.sdf'"),
+        (Resource(uri=str(missing)), Result.RESULT_NOT_FOUND, 'there is no file'),
+        (Resource(uri='a' * 300 + '.urdf'), Result.RESULT_NOT_FOUND, 'cannot be the name of a'),
+        (Resource(resource_string='<sdf/>'), codes.UNSUPPORTED_FORMAT, '<robot>, got <sdf>'),
+        (Resource(resource_string='<robot'), codes.RESOURCE_PARSE_ERROR, 'not readable as XML'),
+        (Resource(resource_string='post'), codes.RESOURCE_PARSE_ERROR, 'not readable as XML'),
+        (Resource(resource_string='<robot/>'), codes.RESOURCE_PARSE_ERROR, 'must have links'),
+        (Resource(resource_string=mesh), codes.UNSUPPORTED_ASSETS, 'a cylinder, got a mesh'),
+        (Resource(resource_string=box), Result.RESULT_FEATURE_UNSUPPORTED, 'a cylinder, got box'),
+        (Resource(resource_string=two), Result.RESULT_FEATURE_UNSUPPORTED, 'got 2 links; further'),
+    ):
+        request = {'name': 'a', 'entity_resource': resource, 'initial_pose': at(4.0, 0.0)}
+        response, found = spatial.ask('SpawnEntity', **request)
+        assert found == code and said in response.result.error_message, response
     assert listed(spatial) == [ROBOT, 'peg_1', 'peg_2']
 
 
@@ -391,8 +457,8 @@ def test_further_robots_stay_until_a_reset_of_what_was_spawned_or_another_world(
     for name in ('two', 'three'):
         fields = {'entity_resource': Resource(uri=ROBOT), 'initial_pose': pose}
         moved.ok('SpawnEntity', name=name, entity_namespace=f'more/{name}', **fields)
-    offered = dict(moved.graph.node.get_topic_names_and_types())
-    assert '/more/three/odom' in offered
+    node = moved.graph.node
+    moved.graph.until(lambda: node.count_publishers('/more/three/odom'), 'the third robot')
     moved.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_STATE)
     assert listed(moved) == [ROBOT, 'two', 'three']
     moved.ok('ResetSimulation', scope=srv.ResetSimulation.Request.SCOPE_SPAWNED)
@@ -400,6 +466,44 @@ def test_further_robots_stay_until_a_reset_of_what_was_spawned_or_another_world(
     moved.ok('SpawnEntity', name='two', **fields)
     moved.ok('LoadWorld', world_resource=Resource(uri='sidewinding'))
     assert listed(moved) == [ROBOT]
+
+
+def test_deleted_robot_ends_its_goal_and_leaves_its_name_to_another(moved):
+    """A node that stayed would take the log of the next one of its name, as rcl warns."""
+    graph, fields = moved.graph, {'entity_resource': Resource(uri=ROBOT)}
+
+    def begin(seconds):
+        """Send a goal, wait for feedback, and return its result, which may come later."""
+        heard, goal = [], FollowJointTrajectory.Goal()
+        goal.trajectory.joint_names = ['joint_1_yaw']
+        goal.trajectory.points = [JointTrajectoryPoint(positions=[0.1])]
+        goal.trajectory.points[0].time_from_start = Duration(seconds=seconds).to_msg()
+        future = action.send_goal_async(goal, heard.append)
+        graph.until(future.done, 'the answer to a goal')
+        result = future.result().get_result_async()
+        graph.until(lambda: len(heard) > 1 or result.done(), 'feedback')
+        return result
+
+    moved.ok('SetSimulationState', state=SimulationState(state=SimulationState.STATE_PLAYING))
+    for _ in range(3):
+        moved.ok('SpawnEntity', name='two', initial_pose=base_pose_of(moved, aside=1.0), **fields)
+        action = ActionClient(
+            graph.node, FollowJointTrajectory, '/two/sim/follow_joint_trajectory'
+        )
+        graph.until(action.server_is_ready, 'the action')
+        # A result that came shows that requests for results arrive; a late one would find no node.
+        graph.until(begin(0.2).done, 'the result of a goal')
+        result = begin(60.0)
+        moved.ok('DeleteEntity', entity='two')
+        graph.until(result.done, 'the result of a goal of a robot that is gone')
+        assert result.result().status == GoalStatus.STATUS_ABORTED
+        assert result.result().result.error_string == 'its robot is gone'
+        graph.until(
+            lambda: ('sim', '/two') not in graph.node.get_node_names_and_namespaces(), 'its end'
+        )
+        action.destroy()
+    moved.pause(True)
+    assert not moved.process.count('already registered')
 
 
 def test_robot_that_cannot_be_spawned(moved):

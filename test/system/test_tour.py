@@ -27,6 +27,8 @@ NODES = (ROOT / 'docs/nodes.md').read_text(encoding='utf-8')
 RATE = 'publish_rate:=50.0'  # a quarter of the messages
 TRIES = 20  # half seconds, for what a line asks for to happen
 OF_ALL_NODES = {'/parameter_events', '/rosout'}
+# Packages of services that all nodes have, or only where they are installed.
+OTHERS = {'rcl_interfaces', 'type_description_interfaces', 'simulation_interfaces'}
 
 
 def section(page, heading):
@@ -159,7 +161,7 @@ def table(heading):
 
 
 def found(node, name):
-    """Return the same rows for a running node, without those that every node has."""
+    """Return the same rows for a running node, without those of `OTHERS` and of actions."""
     rows = set()
     for direction, entries in (
         ('in', node.get_subscriber_names_and_types_by_node(name, '/')),
@@ -168,7 +170,7 @@ def found(node, name):
     ):
         for topic, (kind,) in entries:
             package, _, short = kind.split('/')
-            own = package != 'rcl_interfaces' and 'type_description' not in package
+            own = package not in OTHERS and '/_action/' not in topic
             if own and topic not in OF_ALL_NODES and topic not in ('/clock',) * (name == 'gait'):
                 rows.add((direction, topic.replace(f'/{name}/', '~/'), f'{package}/{short}'))
     return rows

@@ -38,7 +38,8 @@ class TopicRecorder(Node):
     def look(self) -> None:
         """Subscribe to the topics that are new."""
         for topic, kinds in self.get_topic_names_and_types():
-            if topic in self._bag.counts or not self.count_publishers(topic):
+            # Hidden ones, such as those of actions, are left out as by `ros2 bag record --all`.
+            if '/_' in topic or topic in self._bag.counts or not self.count_publishers(topic):
                 continue
             if len(kinds) == 1:
                 self._subscribe(topic, kinds[0])

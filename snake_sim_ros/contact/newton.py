@@ -99,10 +99,12 @@ FEW_ON_FLOOR = 2
 FAR_RESIDUAL = 1e3
 CONVERGES = 0.95  # an iteration that leaves a larger share of the residual does not converge
 NEAR = 1e-5  # unless it is below this: then loads creep until a contact begins to slide [m/s]
-# A line search ends at this share of the smaller slope of both ends: the next iteration goes on from
-# there, for which a better point gains little. Where an axis begins to stick, the slope is steep on
-# a part of 1e-4 of the way and less: after some points the interval is halved in every other one.
-FLAT_SLOPE, STEEP, MOST_SEARCHED = 0.1, 8, 40
+# A line search ends at this share of the smaller slope of both ends, and after so many points: the
+# next iteration goes on from there, for which a better point gains little.
+FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
+# Where an axis begins to stick, the slope is steep on 1e-4 of the way and less. With such
+# laws every other point halves the interval, after some of them.
+STEEP, MOST_STEEP = 8, 40
 REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
 # By which residuals of joints, which are rates, are velocities: they add up along a robot [m].
 LEVER = 10.0
@@ -120,6 +122,9 @@ INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
 INEXACT, EXACT = 1e2, 0.1  # residuals of these rounds and of later ones, over the tolerance
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
 MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
+# From this round on the share is this at most: some radii creep while others oscillate, and where
+# all converge, it is small.
+DAMPED_ROUNDS, DAMPED = 20, 0.1
 # Radius steps go one way if they repeat more than this share of the last ones: the share by which
 # the radii move is then doubled. It is halved where they turn back.
 REPEATS = 0.5
@@ -227,13 +232,14 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -
         return 0.0
     enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
-    for searched in range(MOST_SEARCHED):
+    is_steep = joints.laws.present
+    for searched in range(MOST_STEEP if is_steep else MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
-        if searched >= STEEP and searched % 2 == 0:
+        if is_steep and searched >= STEEP and searched % 2 == 0:
             fraction, side = 0.5 * (low + high), 0
         slope = slope_at(laws, closed, contacts, joints, fraction)
         if abs(slope) <= enough:
-            return fraction
+            break
         if slope > 0.0:
             high, above = fraction, slope
             below *= 0.5 if side > 0 else 1.0
@@ -242,7 +248,7 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -
             low, below = fraction, slope
             above *= 0.5 if side < 0 else 1.0
             side = -1
-    return low if low > 0.0 else fraction
+    return fraction
 
 
 @inlined
@@ -739,11 +745,12 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
         Number of the round, from 0.
 
     """
+    most = MOST_RELAXATION if rounds < DAMPED_ROUNDS else DAMPED
     if rounds > 0 and along > REPEATS * before:
-        return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
-    if along < 0.0:
-        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far
-    return relaxation
+        return min(2.0 * relaxation, most)  # slow, in one direction: go further
+    if along < 0.0:  # it oscillates: go less far
+        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)
+    return min(relaxation, most)
 
 
 @solve_contacts.register(Newton)

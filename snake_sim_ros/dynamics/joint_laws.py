@@ -35,7 +35,7 @@ from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
 
 # Stiffness K of the proximal point method, relative to inertia and damping of an axis.
-HOLD = 1e6
+HOLD = 1e7
 # An axis that is at a stop does not meet it again because moves that close gaps took it away by
 # rounding. At a stop, friction acts against rates that are larger.
 MEETING_RATE = 1e-9  # least rate with which an axis meets a stop [rad/s]

@@ -28,6 +28,12 @@ FLAGS = (
     *('--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-port=0'),
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',  # no name leads anywhere
 )
+# Chromium draws in software: a page is drawn seven times a second, not sixty.
+SELDOM = '''
+    const frame = requestAnimationFrame;
+    window.requestAnimationFrame = act => setTimeout(frame, 150, act);
+    window.cancelAnimationFrame = clearTimeout;
+'''
 TEXT = 'input:not([type=hidden]):not([type=checkbox])'
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
@@ -61,6 +67,7 @@ class Browser:
         self.socket = connect(pages[0]['webSocketDebuggerUrl'], max_size=None)
         for domain in ('Page', 'Network', 'Runtime'):
             self.call(f'{domain}.enable')
+        self.call('Page.addScriptToEvaluateOnNewDocument', source=SELDOM)
         self.resize(*size)
 
     def resize(self, width: int, height: int) -> None:

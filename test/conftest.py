@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tests that run with the compiler, and how two processes of tests share it."""
 
+import gc
 from importlib.util import find_spec
 import os
 import signal
@@ -45,6 +46,15 @@ def pytest_ignore_collect(collection_path, config):
     if config.option.markexpr == 'fast' and collection_path.suffix == '.py':
         return True if FAST not in collection_path.read_text(encoding='utf-8') else None
     return None
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_collection():
+    """Look for no garbage among modules and tests, neither now, half of the time, nor later."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items):

@@ -19,8 +19,8 @@ from snake_sim_ros.scene import gait, obstacles
 from snake_sim_ros.scene.parameters import Array, steps_in
 from snake_sim_ros.scene.posture import chain_coordinates
 from snake_sim_ros.scene.rotations import about, product, rotation_matrices
-from snake_sim_ros.stepping.contact_forces import last_span
 from snake_sim_ros.stepping.methods import empty_history, make_stepper, METHODS
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import History
 
 CELL = 0.15  # m
@@ -188,16 +188,10 @@ def robot_scene(rng: np.random.Generator, **settings) -> Scene:
 
 def pushed(scene: Scene, state: State, steps: int) -> tuple[State, Array]:
     """Return states at the start and after every step, and the normal forces of the steps [N]."""
-    stepper, history = make_stepper(scene), empty_history(scene)
-    states, forces = [state], []
-    angle, rate = references(scene, steps)
-    for k in range(steps):
-        state, history, _ = stepper.advance(state, history, angle[k : k + 1], rate[k : k + 1])
-        span = last_span(scene, history)
-        states.append(state)
-        forces.append(history.impulse[:, 0] / span)
-    q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
-    return State(q, u), np.array(forces)
+    samples, stepper = make_samples(scene, 1, steps), make_stepper(scene)
+    stepper.advance(state, empty_history(scene), *references(scene, steps), samples)
+    states = State(np.array([state.q, *samples.q]), np.array([state.u, *samples.u]))
+    return states, samples.impulse[:, :, 0] / samples.span[:, None]
 
 
 def travelled(scene: Scene) -> tuple[Simulation, Array]:

@@ -17,6 +17,7 @@ from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.posture import gaps
 from snake_sim_ros.scene.rotations import about, FLAT, product
 from snake_sim_ros.stepping.methods import METHODS
+from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.state import History
 
 EPS = np.finfo(float).eps
@@ -193,18 +194,20 @@ def run(
 
 
 def course(scene: Scene, state: State, steps: int, every: int = 1) -> tuple[State, Array, Report]:
-    """Return states and impulses at the start and after `every` steps each, and the report."""
-    stepper, history, report = make_stepper(scene), empty_history(scene), Report()
-    states, impulses = [state], [history.impulse]
-    angle, rate = references(scene, steps)
-    for k in range(0, steps, every):
-        part = slice(k, k + every)
-        state, history, news = stepper.advance(state, history, angle[part], rate[part])
-        report += news
-        states.append(state)
-        impulses.append(history.impulse)
-    q, u = (np.array([getattr(entry, name) for entry in states]) for name in 'qu')
-    return State(q, u), np.array(impulses), report
+    """
+    Return states and impulses at the start, after `every` steps each and at the end, and a report.
+
+    Those after a failure are 0.
+    """
+    samples, start = make_samples(scene, every, steps // every), empty_history(scene)
+    end, history, report = make_stepper(scene).advance(
+        state, start, *references(scene, steps), samples
+    )
+    last = [(end.q, end.u, history.impulse)] if steps % every else []
+    found = [(state.q, state.u, start.impulse)]
+    found += [*zip(samples.q, samples.u, samples.impulse, strict=True), *last]
+    q, u, impulses = (np.array(part) for part in zip(*found, strict=True))
+    return State(q, u), impulses, report
 
 
 def same_bits(one: Any, other: Any) -> bool:

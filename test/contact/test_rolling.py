@@ -8,9 +8,9 @@ import math
 import numpy as np
 from oracle import empty_history, make_stepper, ORACLE
 import pytest
-from scenes import first_steps, references, same_bits
+from scenes import course, first_steps, references, same_bits
 
-from snake_sim_ros import Friction, Gait, Robot, Scene, Solver, State, Wave
+from snake_sim_ros import Friction, Gait, Robot, Scene, Solver, Wave
 from snake_sim_ros.dynamics.kinematics import STILL_SPEED
 from snake_sim_ros.gaits.joint_reference import start_posture
 from snake_sim_ros.scene.parameters import load_scene, with_settings
@@ -47,19 +47,11 @@ def on_ice(link_count, **settings):
 
 def path(scene, level, push=0.0, every=0.02):
     """Return centers of mass (m, 3) and the last report; `push` is a speed of link 1 at first."""
-    stepper, total = make_stepper(replace(scene, level=level)), None
     start = initial_state(scene)
-    u = start.u.copy()
-    u[0, 0] += push
-    state, history, q = State(start.q, u), stepper.empty_history(), [start.q]
+    start.u[0, 0] += push
     steps, part = round(scene.duration / scene.dt), round(every / scene.dt)
-    angle, rate = references(scene, steps)
-    for k in range(0, steps, part):
-        told = angle[k : k + part], rate[k : k + part]
-        state, history, report = stepper.advance(state, history, *told)
-        total = report if total is None else total + report
-        q.append(state.q)
-    return center_of_mass(scene.robot, np.array(q)), total
+    states, _, report = course(replace(scene, level=level), start, steps, part)
+    return center_of_mass(scene.robot, states.q), report
 
 
 def length(points):

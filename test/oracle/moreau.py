@@ -19,6 +19,7 @@ import numpy as np
 
 from oracle.closing import Closing, with_closed_gaps
 from oracle.contact_laws import (
+    called_often,
     falling,
     prox_half_ellipses,
     selection_center,
@@ -161,14 +162,14 @@ def contact_prox(
     tiny compliance makes them the ones of least norm. The scene can switch it off.
     """
     forward, backward, mu_y, mu_V = friction
-    r_T, r_V, (P_N, *P_k), (gamma_N, *gamma_k) = r.r_sliding, r.r_rolling, P, gamma
-    P_N = prox_half_line(P_N - r.r_normal * (gamma_N + compliance * (P_N - center)))
-    x, y, roll_x, roll_y = (
-        P_1 - r_1 * gamma_1
-        for P_1, r_1, gamma_1 in zip(P_k, (r_T, r_T, r_V, r_V), gamma_k, strict=True)
+    r_T, r_V = r.r_sliding, r.r_rolling
+    P_N = called_often(prox_half_line)(
+        P[0] - r.r_normal * (gamma[0] + compliance * (P[0] - center))
     )
+    x, y = P[1] - r_T * gamma[1], P[2] - r_T * gamma[2]
     P_T = prox_half_ellipses(x, y, forward * P_N, backward * P_N, mu_y * P_N)
-    return P_N, *P_T, *prox_disc(roll_x, roll_y, mu_V * P_N)
+    P_V = called_often(prox_disc)(P[3] - r_V * gamma[3], P[4] - r_V * gamma[4], mu_V * P_N)
+    return P_N, *P_T, *P_V
 
 
 class Terms(NamedTuple):

@@ -13,7 +13,7 @@ import pytest
 from snake_sim_ros import ParameterError, Robot, Scene, Simulation
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.recording.recorded_runs import write_csv, write_npz
-from snake_sim_ros.scene.files import whole_file, write_whole
+from snake_sim_ros.scene.files import whole_file, write_figure, write_whole
 from snake_sim_ros.studies import chart as study_chart, judgement, optimization, table
 from snake_sim_ros.studies.metrics import METRICS
 from snake_sim_ros.view import chart
@@ -86,7 +86,14 @@ def no_room():
 
 @pytest.fixture
 def drawing_nothing(monkeypatch):
-    """Let pictures be empty, for which nothing needs to be found."""
+    """Let pictures be empty, for which nothing needs to be found, and which take no time."""
+
+    def write_empty(figure, path, **how):
+        figure.clear()
+        write_figure(figure, path, **how)
+
+    for module in (chart, study_chart):
+        monkeypatch.setattr(module, 'write_figure', write_empty)
     for name in ('_draw_growth', '_draw_over_time', '_draw_distribution', '_draw_segments'):
         monkeypatch.setattr(study_chart, name, lambda *_: None)
     for name in ('_path', '_forces', '_joints'):

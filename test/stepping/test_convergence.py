@@ -170,8 +170,7 @@ def swung_particle(method, count, gravity, mu):
     acts = 1.0 if method == 'bdf2' else 0.5  # part of a step at which forces are taken
     for k in range(count):
         # A new stepper for every gravity would take ten times as long as its step.
-        robot = stepper.model.robot._replace(gravity=np.array(gravity((k + acts) * dt)))
-        stepper.model = stepper.model._replace(robot=robot)
+        stepper.model.robot.gravity[:] = gravity((k + acts) * dt)
         state, history, _ = stepper.advance(state, history, still, still)
         path.append([*state.q[0, :2], np.abs(state.u[0, :2]).max() < 1e-10])
     return np.array(path)[count // 20 - 1 :: count // 20]

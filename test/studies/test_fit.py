@@ -64,6 +64,7 @@ DURATION, RATE = 4.2, 100.0  # s, Hz
 SHORT = {'robot.link_count': 7}  # a robot that takes less time
 BOTH = ['friction.longitudinal', 'friction.transversal']
 ALL = [*BOTH, 'robot.yaw_stiffness']
+ONE = BOTH[:1]  # where what else is found matters, in half of the time
 
 
 def case_a(settings=None):
@@ -220,7 +221,7 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
     suspects = [('time_offset.joints',), tuple(suggested.split())]  # not all, which takes longer
     monkeypatch.setattr('snake_sim_ros.studies.judgement.SUSPECTS', suspects)
     replay = replay_of(measured_with(recording, setup), seed=1)
-    wrong = fit(replay, unknowns_of(replay.scene, BOTH))
+    wrong = fit(replay, unknowns_of(replay.scene, ONE))
     assert judge(wrong).failures
     best = what_is_suggested(wrong)[0]
     first = re.match(r'--free (.*) removes (.*) % of what is left over, with ', best)
@@ -233,16 +234,16 @@ def test_what_the_setup_explains_is_suggested_and_found(recording, setup, sugges
     free = [name for name, (field, _, _) in SETUP.items() if getattr(setup, field) != 0.0]
     if setup.poses:
         replay = with_offsets(replay, {'poses'})
-    found = fit(replay, unknowns_of(replay.scene, [*BOTH, *free], replay.setup))
+    found = fit(replay, unknowns_of(replay.scene, [*ONE, *free], replay.setup))
     judgement = judge(found)
     assert judgement.failures == ()
     # Four standard deviations, as above.
-    true = [0.1, 0.5, *(value for value in setup if value != 0.0)]
+    true = [0.1, *(value for value in setup if value != 0.0)]
     off = [unknown.coordinate(value) for unknown, value in zip(found.unknowns, true, strict=True)]
     assert (np.abs(found.x - off) < 4 * judgement.deviation).all()
     # What is suggested has that deviation, too, and is rounded to two digits.
     for name in free:
-        k = [*BOTH, *free].index(name)
+        k = [*ONE, *free].index(name)
         rounding = 0.5 * 10 ** (math.floor(math.log10(abs(about[name]))) - 1)
         assert abs(about[name] - true[k]) < 4 * judgement.deviation[k] + rounding, name
 
@@ -271,7 +272,7 @@ def test_what_a_scene_lacks_is_suggested(truth, suggested, monkeypatch):
         monkeypatch.setattr('snake_sim_ros.studies.judgement.SUSPECTS', suspects)
     recording = recording_of(case_a(truth), 3.2)
     replay = replay_of(recording, seed=1, **dict.fromkeys(truth.keys() - {'dt'}, 0.0))
-    wrong = fit(replay, unknowns_of(replay.scene, BOTH))
+    wrong = fit(replay, unknowns_of(replay.scene, ONE))
     assert judge(wrong).failures
     best = what_is_suggested(wrong)[0]
     assert re.match(rf'--free {suggested.split()[0]} removes (9[5-9]|100) % of what is', best)
@@ -673,7 +674,7 @@ def test_intervals_and_scenes_that_do_not_hold_are_withheld(
     monkeypatch.setattr(suspects, [('time_offset.poses',)])
     bag, out = tmp_path / 'late.mcap', tmp_path / 'fitted.yaml'
     late = replace(recording, pose_time=recording.pose_time + 0.03)
-    options = ['fit', str(bag_of(late, bag)), '--free', *BOTH, '--out', str(out)]
+    options = ['fit', str(bag_of(late, bag)), '--free', *ONE, '--out', str(out)]
     options += ['--segment', '1', '--burn-in', '1']
     assert main(options) == 1
     text = capsys.readouterr().out

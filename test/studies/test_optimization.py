@@ -315,14 +315,14 @@ def test_what_was_killed_goes_on_and_ends_the_same(tmp_path, capsys):
     pytest.importorskip('matplotlib')
     (tmp_path / 'slow.py').write_text(SLOW)
     metrics = {'metrics': ['valleys:valley', 'distance', 'slow:slow']}
-    path = study_file(tmp_path, **metrics, stop={'evaluations': 80, 'tolerance': 0})
+    path = study_file(tmp_path, **metrics, stop={'evaluations': 60, 'tolerance': 0})
     whole, out = tmp_path / 'whole.parquet', tmp_path / 'killed.parquet'
     expected = outcome_of(capsys, path, '--out', whole, '--threads', '2')
     command = ['optimize', str(path), '--out', str(out), '--threads', '2']
     journal = journal_of(out)
-    stopped(command, tmp_path, journal, rows=20)
+    stopped(command, tmp_path, journal, rows=10)
     done = rows_of(journal)
-    assert 20 <= done < 80 and not out.is_file()
+    assert 10 <= done < 60 and not out.is_file()
     with journal.open('ab') as file:
         file.write(b'{"row": 3, "key": "ab')  # a line that was not whole
     assert main(command) == 0
@@ -336,10 +336,10 @@ def test_what_was_killed_goes_on_and_ends_the_same(tmp_path, capsys):
     assert tables[0].equals(tables[1])
     assert out.with_suffix('.png').is_file()
     # Once more, and further: nothing that is done is run again.
-    more = study_file(tmp_path, **metrics, stop={'evaluations': 90, 'tolerance': 0})
+    more = study_file(tmp_path, **metrics, stop={'evaluations': 65, 'tolerance': 0})
     assert main(['optimize', str(more), '--out', str(out)]) == 0
     found = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (found['evaluations'], found['found']) == (90, 80)
+    assert (found['evaluations'], found['found']) == (65, 60)
 
 
 def test_an_interruption_keeps_what_was_done(tmp_path):

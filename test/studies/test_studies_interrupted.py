@@ -25,7 +25,7 @@ polars = pytest.importorskip('polars')
 # Rows of 0.1 s where they are held, enough for chunks of several sizes.
 STUDY = """
 scene: lateral_undulation
-set: {duration: 0.5, robot.link_count: 3}
+set: {duration: 0.2, robot.link_count: 3}
 vary:
   friction.transversal: {low: 0.2, high: 0.6, count: 30}
   friction.longitudinal: [0.1, 0.15]

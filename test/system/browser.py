@@ -28,6 +28,25 @@ FLAGS = (
     *('--disable-dev-shm-usage', '--hide-scrollbars', '--remote-debugging-port=0'),
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',  # no name leads anywhere
 )
+# Chromium draws in software, half a second for a scene: the page moves seven times a second, not
+# sixty, and draws its scene for pictures only.
+SELDOM = """
+    const frame = requestAnimationFrame;
+    window.requestAnimationFrame = act => setTimeout(frame, 150, act);
+    window.cancelAnimationFrame = clearTimeout;
+    window.draws = false;
+    window.drawn = 0;
+    const gl = WebGL2RenderingContext.prototype;
+    for (const name of Object.keys(gl).filter(name => /^(clear$|draw[AE])/.test(name))) {
+        const own = gl[name];
+        gl[name] = function (...rest) {
+            if (window.draws) {
+                own.apply(this, rest);
+                window.drawn += 1;
+            }
+        };
+    }
+"""
 TEXT = 'input:not([type=hidden]):not([type=checkbox])'
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
@@ -61,6 +80,7 @@ class Browser:
         self.socket = connect(pages[0]['webSocketDebuggerUrl'], max_size=None)
         for domain in ('Page', 'Network', 'Runtime'):
             self.call(f'{domain}.enable')
+        self.call('Page.addScriptToEvaluateOnNewDocument', source=SELDOM)
         self.resize(*size)
 
     def resize(self, width: int, height: int) -> None:
@@ -178,8 +198,12 @@ class Browser:
         return value
 
     def picture(self) -> bytes:
-        """Return a screenshot as PNG."""
-        return base64.b64decode(self.call('Page.captureScreenshot')['data'])
+        """Return a screenshot as PNG, with the scene as it is now."""
+        before = self.run('window.draws = true, window.drawn')
+        self.until(lambda: self.run('window.drawn') > before, 'the scene to be drawn')
+        picture = base64.b64decode(self.call('Page.captureScreenshot')['data'])
+        self.run('window.draws = false')
+        return picture
 
     def close(self) -> None:
         """End Chromium."""

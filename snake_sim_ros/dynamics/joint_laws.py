@@ -231,13 +231,10 @@ def proximal_law(
         [N m s^2]
 
     """
-    r = 1.0 / K
-    z = w - r * anchor
-    v, torque, damping = resolvent(axes, j, k, r, z)
+    v, torque, damping = resolvent(axes, j, k, 1.0 / K, w - anchor / K)
     if damping == math.inf:
         return anchor + K * (v - w), K
-    share = 1.0 / (1.0 + r * damping)
-    return share * (torque - damping * z), share * damping
+    return torque - damping * w, damping  # of the law itself, which is no further than w/K from P
 
 
 @inlined

@@ -58,7 +58,7 @@ from snake_sim_ros.contact.laws import (
     selects,
     STICKING,
 )
-from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.problem import Joints, Problem
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
     correct_chain,
@@ -756,13 +756,19 @@ def linear_step(problem: Problem, operator: Operator | None, always: bool) -> tu
             return reduced_step(laws, closed, contacts, operator.delassus, operator.reduced), True
     linearize(laws, closed, contacts)
     joints, chain = problem.joints, problem.chain
-    if joints.laws.present:
-        linearize_axes(joints.laws, joints.axes, (joints.torque, joints.damping))
-        axis_loads(joints.torque, joints.damping, chain)
+    if joints.take_part:
+        load_chain(joints, chain)
     finite, exact = solve_linear(problem, always)
-    if joints.laws.present:
+    if joints.take_part:
         axis_rates(chain, joints.axes.rate)
     return finite, exact
+
+
+@inlined
+def load_chain(joints: Joints, chain: Chain) -> None:
+    """Load the chain with the laws of the joints, linear about their trial rates."""
+    linearize_axes(joints.laws, joints.axes, (joints.torque, joints.damping))
+    axis_loads(joints.torque, joints.damping, chain)
 
 
 @inlined

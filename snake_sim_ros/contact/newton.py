@@ -11,7 +11,8 @@ solves a small dense system. The iterates satisfy the dynamics and the joints to
 laws are iterated for, and `laws.natural_map` judges them.
 
 Where joints have laws of their own, an iteration makes these linear, too; see
-`dynamics.joint_laws`. Then contacts are not condensed.
+`dynamics.joint_laws`. Condensed contacts are solved for the linear laws that the joints begin
+with. If these do not hold, iterations go on with all contacts on the chain.
 
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
@@ -69,6 +70,7 @@ from snake_sim_ros.contact.linear_problem import (
     disc_law,
     linear_step,
     list_pairs_last,
+    load_chain,
     make_reduced,
     normal_law,
     Operator,
@@ -76,6 +78,7 @@ from snake_sim_ros.contact.linear_problem import (
 from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.balance import rates_of_twists
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_laws import (
     anchor_axes,
@@ -232,7 +235,7 @@ def line_search(laws: Laws, closed: Array, contacts: Contacts, joints: Joints) -
         return 0.0
     enough = FLAT_SLOPE * min(-below, above)
     fraction, side = 0.5, 0
-    is_steep = joints.laws.present
+    is_steep = joints.take_part
     for searched in range(MOST_STEEP if is_steep else MOST_SEARCHED):
         fraction = low - below * (high - low) / (above - below)
         if is_steep and searched >= STEEP and searched % 2 == 0:
@@ -261,8 +264,8 @@ def slope_at(
 
 @compiled
 def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
-    """Return what `joint_laws.axes_error` does, as a velocity; 0 without laws of the joints."""
-    if not joints.laws.present:
+    """Return what `joint_laws.axes_error` does, as a velocity; 0 if they take no part."""
+    if not joints.take_part:
         return 0.0, 0.0
     loads = joints.torque, joints.damping
     slope, residual = axes_error(joints.laws, joints.axes, loads, fraction)
@@ -271,8 +274,8 @@ def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
 
 @compiled
 def joints_residual(joints: Joints) -> float:
-    """Return what `joint_laws.axes_residual` does, as a velocity; 0 without laws of the joints."""
-    if not joints.laws.present:
+    """Return what `joint_laws.axes_residual` does, as a velocity; 0 if they take no part."""
+    if not joints.take_part:
         return 0.0
     return LEVER * axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
 
@@ -281,7 +284,7 @@ def joints_residual(joints: Joints) -> float:
 def move(closed: Array, contacts: Contacts, joints: Joints, fraction: float) -> None:
     """Move trial and iterate of contacts and joints a fraction of the way to the solution."""
     move_trial(closed, contacts, fraction)
-    if joints.laws.present:
+    if joints.take_part:
         move_axes(joints.axes, (joints.torque, joints.damping), fraction)
 
 
@@ -289,7 +292,7 @@ def move(closed: Array, contacts: Contacts, joints: Joints, fraction: float) -> 
 def anchor(problem: Problem) -> None:
     """Fill the anchors of contacts and joints with what is admissible next to the iterate."""
     anchor_at_iterate(problem.laws, problem.closed, problem.contacts)
-    if problem.joints.laws.present:
+    if problem.joints.take_part:
         anchor_axes(problem.joints.axes)
 
 
@@ -605,8 +608,10 @@ def iterate(
         elif swept > 0:
             sweeps = SWEEPS if rounds == -swept else MORE_SWEEPS
             sweep_contacts(laws, closed, contacts, operator, sweeps)
+        takes = joints.take_part and is_on_chain(operator)
+        part = Joints(takes, joints.laws, joints.axes, joints.torque, joints.damping)
         spent, residual, printed, exact = iterate_laws(
-            Problem(now, closed, contacts, chain, pairs, joints), most, operator, round
+            Problem(now, closed, contacts, chain, pairs, part), most, operator, round
         )
         iterations += spent
         if continues:
@@ -626,6 +631,9 @@ def iterate(
         if done and held and not refined:
             refined = True  # once, with radii that follow
             done = loads_are_accurate(laws, closed, contacts, residual)
+        if done and leaves_joints(problem, operator):
+            done, held, may_continue, swept, rounds = False, False, True, 0, 0
+            continue
         if done or (held and residual == math.inf):
             break
         if held:
@@ -768,15 +776,14 @@ def prepare_contacts(operator: Operator | None, problem: Problem) -> None:
     """
     Condense the contacts, if they are few, for any number of calls of `solve_prepared`.
 
-    They are not where joints have laws, which change the chain in an iteration.
-
     The closed contacts of these calls may be some of those here, and may have other shifts.
     """
     laws, closed, contacts, chain, pairs, joints = problem
     list_pairs_last(closed, contacts, pairs)
     if operator is not None:
-        is_condensed = len(closed) <= operator.most and not joints.laws.present
-        operator.is_condensed[0] = 1 if is_condensed else 0
+        operator.is_condensed[0] = 1 if len(closed) <= operator.most else 0
+        if operator.is_condensed[0] and joints.take_part:
+            load_chain(joints, chain)
         if operator.is_condensed[0]:
             condense(closed, impulse_width(laws), contacts, chain, operator.delassus)
 
@@ -810,6 +817,26 @@ def is_on_chain(operator: Operator | None) -> bool:
     if operator is not None:
         return operator.is_condensed[0] == 0
     return True
+
+
+@inlined
+def leaves_joints(problem: Problem, operator: Operator | None) -> bool:
+    """
+    Return whether the laws of the joints do not hold with contacts that were condensed.
+
+    Then these are not condensed any more, and the laws are linear about the solution.
+    """
+    laws, closed, contacts, chain, _, joints = problem
+    if operator is not None:
+        if operator.is_condensed[0] and joints.take_part:
+            fill_twists(laws, closed, contacts, chain, operator)
+            rates_of_twists(chain, joints.axes.rate)
+            if joints_residual(joints) > laws.residual_tolerance:
+                operator.is_condensed[0] = 0
+                move_axes(joints.axes, (joints.torque, joints.damping), 1.0)
+                anchor_axes(joints.axes)
+                return True
+    return False
 
 
 @inlined

@@ -18,6 +18,7 @@ from snake_sim_ros.scene.parameters import Array
 class Joints(NamedTuple):
     """The laws of the joints in a step, and what they load the chain with."""
 
+    take_part: bool  # whether any axis has a law that is solved with the contacts
     laws: JointLaws
     axes: AxisLaws
     # (n-1, 2) of the linear laws, in the plane (n-1, 1); see `joint_laws.linearize_axes` [N m s]

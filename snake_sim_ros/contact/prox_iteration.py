@@ -162,7 +162,7 @@ def joint_laws_change(
     `laws` and `contacts` are those of a `problem.Problem`; the rates in `joints.axes` are those of
     the solution.
     """
-    if not joints.laws.present or joints_residual(joints) <= laws.residual_tolerance:
+    if not joints.take_part or joints_residual(joints) <= laws.residual_tolerance:
         return False
     if trial.attempt + 1 == MOST_CHANGES or trial.iterations >= trial.left:
         report.unconverged += trial.converged

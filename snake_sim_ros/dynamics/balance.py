@@ -125,6 +125,19 @@ def axis_rates(chain: Chain, rate: Array) -> None:
 
 
 @inlined
+def rates_of_twists(chain: Chain, rate: Array) -> None:
+    """Fill what `joint_rates` does from the twists of the links and of the joint axes."""
+    axis, twist, places = chain.axis, chain.twist, chain.places
+    for j in range(len(axis)):
+        outer, parent = (j, j + 1) if j < len(twist) // 2 else (j + 1, j)
+        for k in range(2):
+            rate[j, k] = 0.0
+            for i in range(3):
+                rate[j, k] += axis[j, k, i] * (twist[outer, i] - twist[parent, i])
+            rate[j, k] *= places.present[j, k]
+
+
+@inlined
 def joint_rates(places: JointPlaces, frames: JointFrames, twist: Array, rate: Array) -> None:
     """
     Fill the rates of all joints, 0 for axes that a joint does not have.

@@ -138,7 +138,7 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     )
     predict_gaps(model.closed_gap, model.dt, closed, contacts)
     add_viscous_friction(laws.other, model.dt, closed, contacts, chain)
-    joints = Joints(laws_of_joints, work.axes, work.torque, work.damping)
+    joints = Joints(laws_of_joints.present, laws_of_joints, work.axes, work.torque, work.damping)
     return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 

@@ -197,7 +197,7 @@ def begin_part(
         model.laws, closed, contacts, model.robot.mass, history.impulse,
         (PRESS_SPEED, -h * model.robot.gravity[2]),
     )  # fmt: skip
-    joints = Joints(laws_of_joints, work.axes, work.torque, work.damping)
+    joints = Joints(laws_of_joints.present, laws_of_joints, work.axes, work.torque, work.damping)
     return Problem(laws, closed, contacts, chain, work.pairs, joints)
 
 

@@ -234,7 +234,8 @@ def add_peg_laws(model: PlanarModel, work: PlanarWorkspace, closed: Array, again
 @inlined
 def yaw_joints(model: PlanarModel, work: PlanarWorkspace) -> Joints:
     """Return the laws of the joints in the plane, where only the yaw axes take part."""
-    return Joints(model.joint_laws, work.axes, work.yaw_torque, work.yaw_damping)
+    laws = model.joint_laws
+    return Joints(laws.present, laws, work.axes, work.yaw_torque, work.yaw_damping)
 
 
 @inlined
@@ -397,7 +398,7 @@ def anchor_what_moves(laws: Laws, closed: Array, contacts: Contacts, joints: Joi
         if moves or changes_side(laws.other, contacts, a):
             disc = sliding_disc(laws, laws.other, a, newton.iterate[a, 1])
             anchor_disc(disc, contacts, a, grip(laws.other, contacts, a) * P_N)
-    if joints.laws.present:
+    if joints.take_part:
         anchor_axes(joints.axes)
 
 

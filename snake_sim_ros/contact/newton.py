@@ -18,7 +18,7 @@ Far from the solution the method may cycle. Then the line between two iterates i
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
 The radii follow [1]_. Where they cycle for long, a continuation leads to the solution, see
-`continuation`; if it ends on its way, they are held again. There is none where contacts are
+`continuation`; if it ends on its way, they are held again. There is none where contacts may be
 condensed.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
@@ -580,7 +580,7 @@ def iterate(
     relaxation, before, least = 1.0, 0.0, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    stage, continues, may_continue = first_stage(laws, PREDICTED), False, is_on_chain(operator)
+    stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -632,7 +632,7 @@ def iterate(
             refined = True  # once, with radii that follow
             done = loads_are_accurate(laws, closed, contacts, residual)
         if done and leaves_joints(problem, operator):
-            done, held, may_continue, swept, rounds = False, False, True, 0, 0
+            done, held, swept, rounds = False, False, 0, 0
             continue
         if done or (held and residual == math.inf):
             break

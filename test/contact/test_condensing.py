@@ -16,7 +16,7 @@ from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocit
 from snake_sim_ros.contact.laws import impulse_width
 from snake_sim_ros.contact.linear_problem import linear_step
 from snake_sim_ros.contact.newton import make_operator, prepare_contacts, solve_prepared
-from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.problem import Joints, Problem
 from snake_sim_ros.contact.sweeps import predict
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.compilation import compiled
@@ -84,8 +84,8 @@ def one_iteration(problem, operator, history):
 @compiled
 def solved_again(model, problem, some, operator, history, fresh):
     """Solve for some of the contacts, on the operator of all of them or on their own."""
-    laws, _, contacts, chain, pairs = problem
-    part = Problem(laws, some, contacts, chain, pairs)
+    laws, _, contacts, chain, pairs, joints = problem
+    part = Problem(laws, some, contacts, chain, pairs, joints)
     prepare_contacts(operator, part if fresh else problem)
     return solve_prepared(operator, part, history, model.iteration_limit).converged
 
@@ -123,7 +123,9 @@ def started(name):
     record = Record(*make_samples(scene, 0, 0)[:-1])
     steps = make_steps((state.q.copy(), state.u.copy()), history, (still, still), record)
     closed = work.closed[: shifted_problem(model, work, steps)]
-    problem = Problem(model.laws, closed, work.contacts, work.chain, work.pairs)
+    laws = model.robot.joint_laws
+    joints = Joints(laws.present, laws, work.axes, work.torque, work.damping)
+    problem = Problem(model.laws, closed, work.contacts, work.chain, work.pairs, joints)
     return scene, model, problem, history, make_operator(contact_count(scene), scene)
 
 

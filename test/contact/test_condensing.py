@@ -44,7 +44,7 @@ def shifted_problem(model, work, steps):
 @compiled
 def operators(problem, operator, columns, free):
     """Condense the contacts; fill columns of G and free velocities from sweeps over the chain."""
-    laws, closed, contacts, chain, _ = problem
+    laws, closed, contacts, chain, _, _ = problem
     solution = contacts.solution
     width = impulse_width(laws)
     prepare_contacts(operator, problem)

@@ -212,6 +212,8 @@ def proximal_law(
     """
     Return the impulse ``P(w)`` of axis k of joint j, and minus its derivative.
 
+    Where the resolvent falls on a slope of the law, they are those of the slope.
+
     Parameters
     ----------
     axes : AxisLaws
@@ -234,7 +236,7 @@ def proximal_law(
     v, torque, damping = resolvent(axes, j, k, 1.0 / K, w - anchor / K)
     if damping == math.inf:
         return anchor + K * (v - w), K
-    return torque - damping * w, damping  # of the law itself, which is no further than w/K from P
+    return torque - damping * w, damping  # a slope needs no proximal point
 
 
 @inlined

@@ -44,7 +44,7 @@ from snake_sim_ros.contact.newton import (
     iterate_laws,
     Round,
 )
-from snake_sim_ros.contact.problem import ContactHistory, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.prox_iteration import copy_impulses
 from snake_sim_ros.contact.sweeps import forget_others, project_normal, set_impulse, Sweep
 from snake_sim_ros.dynamics.compilation import compiled, inlined
@@ -134,7 +134,9 @@ def solve_with_sweeps(
     solver: GaussSeidel, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Sweep until the contact laws hold; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, chain, pairs, joints = problem
+    known = Joints(False, joints.laws, joints.axes, joints.torque, joints.damping)
+    problem = Problem(laws, closed, contacts, chain, pairs, known)
     operator, impulse, tolerance = solver.operator, history.impulse, laws.residual_tolerance
     delassus = operator.delassus
     width = impulse_width(laws)

@@ -640,6 +640,8 @@ def iterate(
             anchor(problem)
             along, size = find_radius_steps(closed, contacts)
             relaxation, before = next_relaxation(relaxation, along, before, rounds), size
+            if rounds >= DAMPED_ROUNDS:
+                relaxation = min(relaxation, DAMPED)
             restart_radii(rounds, closed, contacts, problem.pairs)
             end_held(relaxation, closed, contacts)
             save_axes(joints.axes)
@@ -753,12 +755,11 @@ def next_relaxation(relaxation: float, along: float, before: float, rounds: int)
         Number of the round, from 0.
 
     """
-    most = MOST_RELAXATION if rounds < DAMPED_ROUNDS else DAMPED
     if rounds > 0 and along > REPEATS * before:
-        return min(2.0 * relaxation, most)  # slow, in one direction: go further
-    if along < 0.0:  # it oscillates: go less far
-        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)
-    return min(relaxation, most)
+        return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
+    if along < 0.0:
+        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far
+    return relaxation
 
 
 @solve_contacts.register(Newton)

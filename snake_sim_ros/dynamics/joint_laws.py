@@ -169,8 +169,8 @@ def controller_impulses(
 def start_axis(inertia: float, axes: AxisLaws, j: int, k: int) -> None:
     """Begin with the impulse of the law of axis k of joint j that is next to the expected rate."""
     P, w = controller_impulse(axes, j, k), axes.rate[j, k]
-    K = inertia + axes.damping[j, k]
-    P, _ = proximal_law(axes, j, k, w, P, K)
+    torque, damping = linear_law(axes, j, k, w, P, inertia + axes.damping[j, k])
+    P = torque - damping * w
     axes.trial[j, k], axes.anchor[j, k], axes.iterate[j, k] = w, P, P
 
 
@@ -206,20 +206,21 @@ def resolvent(axes: AxisLaws, j: int, k: int, r: float, z: float) -> tuple[float
 
 
 @compiled
-def proximal_law(
+def linear_law(
     axes: AxisLaws, j: int, k: int, w: float, anchor: float, K: float
 ) -> tuple[float, float]:
     """
-    Return the impulse ``P(w)`` of axis k of joint j, and minus its derivative.
+    Return the impulse of axis k of joint j as ``P = torque - damping w``, linear about a rate.
 
-    Where the resolvent falls on a slope of the law, they are those of the slope.
+    It is ``P(w)`` of the proximal point method where the resolvent falls on a vertical part of the
+    law. On a slope it is that of the law, to the bit: there nothing depends on the anchor.
 
     Parameters
     ----------
     axes : AxisLaws
     j, k : int
     w : float
-        Rate [rad/s].
+        The rate [rad/s].
     anchor : float
         P_a [N m s].
     K : float
@@ -227,16 +228,14 @@ def proximal_law(
 
     Returns
     -------
-    P : float
-        [N m s]
-    damping : float
-        [N m s^2]
+    torque, damping : float
+        [N m s], [N m s^2]
 
     """
     v, torque, damping = resolvent(axes, j, k, 1.0 / K, w - anchor / K)
     if damping == math.inf:
-        return anchor + K * (v - w), K
-    return torque - damping * w, damping  # a slope needs no proximal point
+        return anchor + K * v, K
+    return torque, damping
 
 
 @inlined
@@ -250,8 +249,8 @@ def linearize_axes(laws: JointLaws, axes: AxisLaws, loads: tuple[Array, Array]) 
     for j in range(len(torque)):
         for k in range(torque.shape[1]):
             K, w = HOLD * (laws.inertia + axes.damping[j, k]), axes.trial[j, k]
-            P, D = proximal_law(axes, j, k, w, axes.anchor[j, k], K)
-            torque[j, k], damping[j, k] = P + D * w, D
+            law = linear_law(axes, j, k, w, axes.anchor[j, k], K)
+            torque[j, k], damping[j, k] = law
 
 
 @inlined
@@ -277,8 +276,8 @@ def axes_error(
             scale, w, P = laws.inertia + axes.damping[j, k], axes.rate[j, k], axes.iterate[j, k]
             step, end = w - axes.trial[j, k], torque[j, k] - damping[j, k] * w
             at = axes.trial[j, k] + fraction * step
-            law, _ = proximal_law(axes, j, k, at, axes.anchor[j, k], HOLD * scale)
-            d = P + fraction * (end - P) - law
+            c, D = linear_law(axes, j, k, at, axes.anchor[j, k], HOLD * scale)
+            d = P + fraction * (end - P) - (c - D * at)
             slope += d * step
             worst = max(worst, abs(d) / scale)
     return slope, worst

@@ -119,7 +119,7 @@ def test_the_limit_bounds_all_parts_and_landings_of_a_step(limit):
     }
     simulation = Simulation(with_settings(Scene(), settings))
     reached = 0
-    for _ in range(15):
+    for _ in range(27):
         report = simulation.advance(*simulation.gait_reference(1))
         # Solutions after the limit: two in each of the parts, which double in length.
         assert report.iterations <= limit + 2 * LEAST_ITERATIONS * (1 + TICKS.bit_length())

@@ -329,8 +329,10 @@ def test_steps_that_outlast_their_period_are_told(sims):
     assert np.diff([float(match[1]) for match in found]).min() > 0.98 * WARN_PERIOD
     # On a busy machine it may have been late in lock-step just before.
     assert re.fullmatch((f'({slips})?' if before else '') + what, found[0][2])
-    what = f'({what}|messages or other programs take the time)'  # the latter as well
-    assert all(re.fullmatch(slips + what, match[2]) for match in found[1:])
+    # There, other programs take the time as well, and after a pause no time has slipped yet.
+    what = f'({slips})?({what}|messages or other programs take the time)'
+    assert [match[2] for match in found[1:] if not re.fullmatch(what, match[2])] == []
+    assert any(match[2].startswith(slips) for match in found[1:])
 
 
 def test_node_as_fast_as_it_can_ends_well_on_sigterm(sims):

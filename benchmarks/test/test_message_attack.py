@@ -29,7 +29,7 @@ def attacked(request):
             assert process.wait_until_said(STARTED[subject.node], 60.0), list(process.lines)
             yield subject, process
         finally:
-            assert process.end() == 0
+            assert process.end() == 0, list(process.lines)[-20:]
 
 
 @pytest.mark.parametrize('attacked', ['gait on /clock'], indirect=True)

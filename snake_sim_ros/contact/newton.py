@@ -800,11 +800,13 @@ def solve_prepared(
     operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, chain, _, joints = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, limit, operator, history)
     fill_twists(laws, closed, contacts, chain, operator)
     outcome = without_gain(problem, outcome)
+    if joints.take_part and not outcome.converged:
+        rates_of_twists(chain, joints.axes.rate)
     remember(closed, contacts, history)
     return outcome
 

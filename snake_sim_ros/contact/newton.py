@@ -595,10 +595,7 @@ def iterate(
         elif held:
             creeps = residual <= NEAR and residual < CONVERGES * least
             least = min(least, residual)
-            begin_held(rounds, creeps, closed, contacts)
-            if rounds > 0 and not creeps:
-                return_axes(joints.axes)
-            anchor(problem)
+            begin_held(problem, rounds > 0 and not creeps)
             round = Round(HELD, held_tolerance(rounds, tolerance), HELD_ITERATIONS, True)
             fell_back = True
         elif rounds > 0:
@@ -637,14 +634,7 @@ def iterate(
         if done or (held and residual == math.inf):
             break
         if held:
-            anchor(problem)
-            along, size = find_radius_steps(closed, contacts)
-            relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-            if rounds >= DAMPED_ROUNDS:
-                relaxation = min(relaxation, DAMPED)
-            restart_radii(rounds, closed, contacts, problem.pairs)
-            end_held(relaxation, closed, contacts)
-            save_axes(joints.axes)
+            relaxation, before = next_radii(problem, rounds, relaxation, before)
         if held or rounds < 0:
             held = False
             rounds += 1
@@ -676,21 +666,45 @@ def end_held(relaxation: float, closed: Array, contacts: Contacts) -> None:
 
 
 @inlined
-def begin_held(rounds: int, creeps: bool, closed: Array, contacts: Contacts) -> None:
+def begin_held(problem: Problem, returns: bool) -> None:
     """
-    Return to the end of the last round or, before the first one, hold the present radii.
+    Return to the end of the last round or, otherwise, hold the present radii; fill the anchors.
 
     Where loads creep toward the solution, the present ones are nearer to it than that round.
     """
-    newton = contacts.newton
-    for a in closed:
-        if rounds > 0 and not creeps:
+    newton = problem.contacts.newton
+    for a in problem.closed:
+        if returns:
             for j in range(5):
                 newton.trial[a, j] = newton.saved_trial[a, j]
                 newton.iterate[a, j] = newton.saved_iterate[a, j]
         else:
             newton.held_radius[a] = max(0.0, newton.iterate[a, 0])
             newton.radius_step[a] = 0.0
+    if returns:
+        return_axes(problem.joints.axes)
+    anchor(problem)
+
+
+@inlined
+def next_radii(
+    problem: Problem, rounds: int, relaxation: float, before: float
+) -> tuple[float, float]:
+    """
+    Move the radii after a round that held them, and keep the end of the round.
+
+    `relaxation` and `before` are as in `next_relaxation`; those of the next round are returned.
+    """
+    _, closed, contacts, _, pairs, joints = problem
+    anchor(problem)
+    along, size = find_radius_steps(closed, contacts)
+    relaxation = next_relaxation(relaxation, along, before, rounds)
+    if rounds >= DAMPED_ROUNDS:
+        relaxation = min(relaxation, DAMPED)
+    restart_radii(rounds, closed, contacts, pairs)
+    end_held(relaxation, closed, contacts)
+    save_axes(joints.axes)
+    return relaxation, size
 
 
 @inlined

@@ -82,20 +82,6 @@ class Sidewinder(Node):
         self.cmd_vel.wait_for_all_acked(Duration(seconds=1))
 
 
-def draw(way, file):
-    """Draw the way of the middle link, seen from above."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 3.6), layout='constrained')
-    axes = figure.subplots()
-    axes.plot(*zip(*way, strict=True))
-    axes.plot(*way[-1], 'o')
-    axes.set_aspect('equal', adjustable='datalim')
-    axes.set(xlabel='x [m]', ylabel='y [m]')
-    axes.grid(alpha=0.3)
-    figure.savefig(file, dpi=110)
-
-
 def main():
     """Choose the gait, go, watch odom, stop."""
     parser = argparse.ArgumentParser(description='sidewind a meter')
@@ -113,6 +99,8 @@ def main():
         robot.ask(0.0)
     print(f'moved {math.dist(place, start):.3f} m in {now - begin:.2f} s')
     if arguments.plot:
+        from crawl_and_turn import draw  # the file beside this one
+
         draw(robot.way, arguments.plot)
 
 

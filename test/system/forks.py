@@ -119,6 +119,7 @@ def run_script(path: str, folder: str, is_background: bool, *words: str) -> int:
     if is_background:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.argv = [path, *words]
+    sys.path.insert(0, str(Path(path).parent))  # as the interpreter does
     runpy.run_path(path, run_name='__main__')
     return 0
 

@@ -20,7 +20,17 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.contacts import Contacts
-from snake_sim_ros.contact.shapes import Axis, minus, moved, triple
+from snake_sim_ros.contact.shapes import (
+    across,
+    Axis,
+    inner,
+    minus,
+    moved,
+    near_on_axes,
+    size_of,
+    times,
+    triple,
+)
 from snake_sim_ros.contact.surroundings import (
     ASKED,
     depth_of_axis,
@@ -52,13 +62,14 @@ from snake_sim_ros.dynamics.mechanism import Mechanism
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.chain import Capsules, Spheres
 from snake_sim_ros.scene.obstacles import (
+    capsule_pairs,
     CELLS,
     first_pair,
     first_peg,
     is_flat,
     OF_CAPSULE,
+    OF_PAIR,
     OF_SPHERE,
-    pair_contacts,
     STEEP,
     UPRIGHT,
 )
@@ -147,15 +158,15 @@ class Obstacles(NamedTuple):
     pegs: Array  # (pegs, 3) x and y in I, radius [m]
     first_peg: int  # number of the first contact with a peg
     first_pair: int  # number of the first contact of two links
-    pair_count: int  # number of such contacts
-    pairs: Array  # (pair_count, 2) the spheres that touch in each of them
+    pair_count: int  # number of pairs, with OF_PAIR contacts each
+    pairs: Array  # (pair_count, 2) the capsules that touch in each of them
     patches: Patches  # of friction on the ground
     world: Surroundings  # its solids
 
 
 def make_obstacles(scene: Scene) -> Obstacles | None:
     """Return ground and pegs in the form of the compiled step, or None if all is flat."""
-    ground, pairs = scene.ground, pair_contacts(scene)
+    ground, pairs = scene.ground, capsule_pairs(scene)
     if is_flat(scene):
         return None
     heights = np.array(ground.heights, dtype=float)
@@ -302,9 +313,7 @@ def find_obstacle_contacts(
         if len(obstacles.pegs) > 0:
             part = begin, next_capsule
             count = find_peg_contacts(obstacles, tolerance, pose, part, found, count)
-    if obstacles.pair_count > 0:
-        count = find_pair_contacts(obstacles.first_pair, tolerance, pose, found, count)
-    return count
+    return find_pair_contacts(obstacles, tolerance, pose, found, count)
 
 
 class Search(NamedTuple):
@@ -349,8 +358,7 @@ def find_world_contacts_of_capsule(world: Surroundings, search: Search, c: int, 
     """Do the same for the interior of capsule c, which hides no floor."""
     pose, capsules = search.pose, search.pose.robot.capsules
     i, radius = capsules.link[c], capsules.radius[c]
-    middle = beside(pose.q[i], carried_in(pose.R, i, capsules.center, c))
-    axis = Axis(middle, carried_in(pose.R, i, capsules.axis, c), capsules.half[c])
+    axis = axis_at(pose, c)
     ball = Ball(i, radius, world.capsule_grip[c], first_of_capsule(world, c))
     reach = reach_of_world(search, ball, OF_CAPSULE)
     places = find_places_of_axis(world, axis, radius, reach)
@@ -554,54 +562,76 @@ def peg_contact(
 
 
 @inlined
-def find_pair_contacts(a: int, tolerance: float, pose: Pose, found: Found, count: int) -> int:
+def find_pair_contacts(
+    obstacles: Obstacles, tolerance: float, pose: Pose, found: Found, count: int
+) -> int:
     """
     Fill the closed contacts of links with each other; return how many contacts are closed.
 
-    They are numbered from a on, and follow `count` closed ones found before. Both links feel a
-    force at one point in space, with levers from their own centers in q: these are elsewhere than
-    in `center` where joints are open. Other parameters are those of `find_contacts`.
+    They follow `count` closed ones found before. Both links feel a force at one point in space,
+    with levers from their own centers in q: these are elsewhere than in `center` where joints are
+    open. Other parameters are those of `find_contacts`.
     """
-    spheres, q, R, center = pose.robot.spheres, pose.q, pose.R, pose.center
+    robot, q, R, center = pose.robot, pose.q, pose.R, pose.center
     closed, contacts, frame = found.closed, found.contacts, found.frame
     assert frame is not None
-    geometry, begin, of_link = contacts.geometry, spheres.begin, spheres.of_link
-    for i in range(len(R)):
-        axis = R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]
-        for j in range(i + 2, len(R)):
-            x, y, z = q[i, 0] - q[j, 0], q[i, 1] - q[j, 1], q[i, 2] - q[j, 2]
-            reach = spheres.reach[i] + spheres.reach[j] + tolerance
-            pairs = (begin[i + 1] - begin[i]) * (begin[j + 1] - begin[j])
-            asked = False
-            for side in range(pairs):
-                asked = asked or geometry.takes_part[a + side] == 1
-            if not asked and x * x + y * y + z * z > reach * reach:
-                a += pairs
-                continue
-            for m in range(begin[i], begin[i + 1]):
-                arm = carried_in(R, i, spheres.place, of_link[m])
-                radius = spheres.radius[of_link[m]]
-                for s in range(begin[j], begin[j + 1]):
-                    other = carried_in(R, j, spheres.place, of_link[s])
-                    dx, dy, dz = (
-                        x + arm[0] - other[0],
-                        y + arm[1] - other[1],
-                        z + arm[2] - other[2],
-                    )
-                    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-                    gap = distance - radius - spheres.radius[of_link[s]]
-                    if gap <= tolerance or geometry.takes_part[a] == 1:
-                        closed[count] = a
-                        count += 1
-                        normal = dx / distance, dy / distance, dz / distance
-                        place_contact(contacts, a, gap, radius, beside(center[i], arm), normal)
-                        for k in range(3):
-                            apart = (q[i, k] - q[j, k]) - (center[i, k] - center[j, k])
-                            geometry.other_point[a, k] = geometry.point[a, k] + apart
-                        geometry.link[a], geometry.other_link[a] = i, j
-                        fill_contact_frame(frame[a], normal, axis)
-                    a += 1
+    geometry, capsules, reaches = contacts.geometry, robot.capsules, robot.spheres.reach
+    for p in range(obstacles.pair_count):
+        c, d = obstacles.pairs[p, 0], obstacles.pairs[p, 1]
+        i, j, first = capsules.link[c], capsules.link[d], obstacles.first_pair + OF_PAIR * p
+        between, reach = minus(triple(q, i), triple(q, j)), reaches[i] + reaches[j] + tolerance
+        is_near = inner(between, between) <= reach * reach
+        if not is_near and not is_asked(geometry.takes_part, first, OF_PAIR):
+            continue
+        one, other = axis_at(pose, c), axis_at(pose, d)
+        for k in range(OF_PAIR):
+            a = first + k
+            gap, place, normal = at_axes(capsules, one, other, c, d, k)
+            if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
+                closed[count] = a
+                count += 1
+                on_one = beside(center[i], minus(place, triple(q, i)))
+                place_contact(contacts, a, gap, capsules.radius[c], on_one, normal)
+                for m in range(3):
+                    apart = between[m] - (center[i, m] - center[j, m])
+                    geometry.other_point[a, m] = geometry.point[a, m] + apart
+                geometry.link[a], geometry.other_link[a] = i, j
+                fill_contact_frame(frame[a], normal, (R[i, 0, 2], R[i, 1, 2], R[i, 2, 2]))
     return count
+
+
+@inlined
+def axis_at(pose: Pose, c: int) -> Axis:
+    """Return the axis of capsule c."""
+    i, capsules = pose.robot.capsules.link[c], pose.robot.capsules
+    middle = beside(pose.q[i], carried_in(pose.R, i, capsules.center, c))
+    return Axis(middle, carried_in(pose.R, i, capsules.axis, c), capsules.half[c])
+
+
+@inlined
+def at_axes(
+    capsules: Capsules, one: Axis, other: Axis, c: int, d: int, k: int
+) -> tuple[float, Three, Three]:
+    """
+    Return the gap of contact k of capsules c and d [m], infinite if there is none.
+
+    Besides, the point on the axis of the first one, and the unit vector from the second to it.
+    """
+    s, t = near_on_axes(one, other, k)
+    if s == math.inf:
+        return s, one.middle, one.along
+    place = moved(one.middle, s, one.along)
+    apart = minus(place, moved(other.middle, t, other.along))
+    distance = size_of(apart)
+    normal = times(1.0 / distance, apart) if distance > 0.0 else across(one.along)
+    return distance - capsules.radius[c] - capsules.radius[d], place, normal
+
+
+@inlined
+def gap_of_pair(capsules: Capsules, q: Array, c: int, d: int, k: int) -> float:
+    """Return the gap of contact k of two capsules of different links [m]."""
+    one, other = axis_of_capsule(capsules, q, c), axis_of_capsule(capsules, q, d)
+    return at_axes(capsules, one, other, c, d, k)[0]
 
 
 @inlined
@@ -658,11 +688,10 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
             for k in range(len(obstacles.pegs)):
                 gap = gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
                 lowest = min(lowest, gap)
-    if obstacles.pair_count > 0:
-        for s in range(len(spheres.link)):
-            for t in range(len(spheres.link)):
-                if spheres.link[t] > spheres.link[s] + 1:
-                    lowest = min(lowest, gap_of_spheres(spheres, q, s, t))
+    for p in range(obstacles.pair_count):
+        for k in range(OF_PAIR):
+            c, d = obstacles.pairs[p, 0], obstacles.pairs[p, 1]
+            lowest = min(lowest, gap_of_pair(robot.capsules, q, c, d, k))
     return -lowest
 
 
@@ -750,19 +779,6 @@ def is_beyond(
 
 
 @inlined
-def gap_of_spheres(spheres: Spheres, q: Array, s: int, t: int) -> float:
-    """Return the gap of two spheres of different links [m]."""
-    i, j, square = spheres.link[s], spheres.link[t], 0.0
-    arm, other = (
-        carried_place(spheres.straight, q, i, spheres.place, s),
-        carried_place(spheres.straight, q, j, spheres.place, t),
-    )
-    for k in range(3):
-        square += (q[i, k] + arm[k] - q[j, k] - other[k]) ** 2
-    return math.sqrt(square) - spheres.radius[s] - spheres.radius[t]
-
-
-@inlined
 def gap_at(
     obstacles: Obstacles | None, robot: Mechanism, q: Array, contacts: Contacts, a: int
 ) -> float:
@@ -776,8 +792,8 @@ def gap_at(
     if obstacles is None:
         return sphere_height(spheres, q, a)
     if a >= obstacles.first_pair:
-        pair = obstacles.pairs[a - obstacles.first_pair]
-        return gap_of_spheres(spheres, q, pair[0], pair[1])
+        p, k = divmod(a - obstacles.first_pair, OF_PAIR)
+        return gap_of_pair(robot.capsules, q, obstacles.pairs[p, 0], obstacles.pairs[p, 1], k)
     if a >= obstacles.first_peg:
         k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
         middle, axis = from_above(robot.capsules, q, c)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
+from snake_sim_ros.scene.obstacles import OF_PAIR, PARALLEL
 from snake_sim_ros.scene.parameters import Array
 
 # Where on a shape its nearest point is, and by what the shape continues around it: a plane, the
@@ -20,7 +21,6 @@ from snake_sim_ros.scene.parameters import Array
 # the inside of a tube around a line.
 PLANE, LINE, POINT, TUBE = range(4)
 
-PARALLEL = 1e-12  # square of the sine of an angle below which lines are parallel
 NEAREST = 1e-15  # distance below which its direction is rounding [m]
 ROUGH, FINE = 17, 60  # points at which a search along an axis begins, and bisections
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -219,12 +219,11 @@ class Axis(NamedTuple):
 
 
 @inlined
-def axis_meets_line(axis: Axis, start: Three, along: Three, length: float) -> tuple[float, float]:
+def axis_meets_line(axis: Axis, start: Three, along: Three) -> tuple[float, float]:
     """
     Return where the line of an axis and another line are nearest, from middle and start [m].
 
-    Parallel lines have no such places: the first number is then infinite. The second one is on the
-    piece of the other line that is `length` long, or beside it.
+    Parallel lines have no such places: the first number is then infinite.
     """
     cosine = inner(axis.along, along)
     sine = 1.0 - cosine * cosine
@@ -233,6 +232,28 @@ def axis_meets_line(axis: Axis, start: Three, along: Three, length: float) -> tu
     apart = minus(axis.middle, start)
     a, b = inner(apart, axis.along), inner(apart, along)
     return (cosine * b - a) / sine, (b - cosine * a) / sine
+
+
+@inlined
+def near_on_axes(one: Axis, other: Axis, k: int) -> tuple[float, float]:
+    """
+    Return where contact k of two capsules is on their axes, from their middles [m].
+
+    The first number is infinite if there is none; see `scene.obstacles.nearest_on_axes`.
+    """
+    if (k == 1 and one.half == 0.0) or (k == 3 and other.half == 0.0):
+        return math.inf, 0.0
+    if k == OF_PAIR - 1:
+        s, t = axis_meets_line(one, other.middle, other.along)
+        return (s if abs(s) < one.half and abs(t) < other.half else math.inf), t
+    apart, cosine = minus(one.middle, other.middle), inner(one.along, other.along)
+    if k < 2:
+        s = one.half if k == 1 else -one.half
+        t = inner(apart, other.along) + s * cosine
+        return s, min(max(t, -other.half), other.half)
+    t = other.half if k == 3 else -other.half
+    s = t * cosine - inner(apart, one.along)
+    return (s if abs(s) < one.half else math.inf), t
 
 
 @inlined

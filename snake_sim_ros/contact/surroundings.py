@@ -543,7 +543,7 @@ def edge_of(world: Surroundings, item: int) -> tuple[Three, Three, float]:
 def near_edge(world: Surroundings, item: int, axis: Axis) -> tuple[float, Near]:
     """Return where the interior of an axis is nearest to an edge, from its middle, and how."""
     start, along, length = edge_of(world, item)
-    s, t = axis_meets_line(axis, start, along, length)
+    s, t = axis_meets_line(axis, start, along)
     nothing = Near(math.inf, axis.along, LINE, along, 0.0, 1.0)
     if not (abs(s) < axis.half and -SAME <= t <= length + SAME):
         return math.inf, nothing
@@ -574,7 +574,7 @@ def near_pole(world: Surroundings, k: int, axis: Axis) -> tuple[float, Near]:
     """Return the same for a pole."""
     row = world.poles[k]
     start, along, length = (row[0], row[1], row[2]), (row[3], row[4], row[5]), row[6]
-    s, t = axis_meets_line(axis, start, along, length)
+    s, t = axis_meets_line(axis, start, along)
     if math.isfinite(s) and not 0.0 <= t <= length:
         end = moved(start, min(max(t, 0.0), length), along)
         s = inner(minus(end, axis.middle), axis.along)

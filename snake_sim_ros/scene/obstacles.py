@@ -9,7 +9,7 @@ Aiko the front and then the rear spheres, as in eq. (10). If the ground has cell
 follow three times more, for the higher cells beside them. In a scene with a world some follow for
 each sphere, and then some for each capsule; what these touch only `contact.surroundings` finds.
 Then come the capsules of the links once for every peg. Contacts of links with each other come
-last: of the spheres of every two links that are not neighbors.
+last: OF_PAIR of every two capsules of links that are not neighbors.
 
 A sphere is in contact with the box below each cell, at the nearest point of the box. The cell
 below its center always counts. A neighbor counts only if it is higher, so that a flat ground is
@@ -18,6 +18,11 @@ two other neighbors, so that a straight wall is straight.
 
 A link is in contact with a peg as capsules, of Aiko the cylinder around its axis with the two
 contact spheres as its ends, at the height of the nearest point of their axes.
+
+Two capsules touch as balls around points of their axes: first both ends of the first one with the
+nearest point of the second, then both ends of the second with the interior of the first, where
+they are beside it, and last the interiors with each other, where the axes cross. On each other
+side by side they thus have two contacts, as on a plane, and crosswise they have one.
 """
 
 from collections import Counter
@@ -33,6 +38,8 @@ from snake_sim_ros.scene.rotations import cross, rotation_matrices
 CELLS = 4  # that a sphere may touch: below it, and its neighbors along x, along y, diagonal
 # Contacts that a sphere, and the interior of a capsule, may have with the world at a time.
 OF_SPHERE, OF_CAPSULE = 6, 4
+OF_PAIR = 5  # contacts of two capsules: of the ends of the first, of the second, of interiors
+PARALLEL = 1e-12  # square of the sine of an angle below which axes are parallel
 E_X, E_Y, E_Z = np.eye(3)
 UPRIGHT = 1e-6  # part of a unit vector along a link, in a plane, up to which it has no direction
 STEEP = 0.7  # component of a normal along e_x from which on e_x is no direction in its plane
@@ -66,22 +73,21 @@ def first_pair(scene: Scene) -> int:
     return first_peg(scene) + len(scene.robot.chain.capsules.link) * len(scene.pegs.x)
 
 
-def pair_contacts(scene: Scene) -> list[tuple[int, int]]:
-    """Return the two spheres of every contact of two links."""
+def capsule_pairs(scene: Scene) -> list[tuple[int, int]]:
+    """Return the two capsules that touch in each OF_PAIR contacts of links with each other."""
     return _pairs(scene.robot) if scene.self_contact else []
 
 
 @lru_cache(maxsize=16)
 def _pairs(robot: Robot) -> list[tuple[int, int]]:
-    """Return all pairs of spheres of links that are not neighbors."""
-    n, spheres = robot.link_count, robot.chain.spheres
-    of = [spheres.of_link[spheres.begin[i] : spheres.begin[i + 1]].tolist() for i in range(n)]
-    return [(s, t) for i in range(n) for j in range(i + 2, n) for s in of[i] for t in of[j]]
+    """Return all pairs of capsules of links that are not neighbors."""
+    link = robot.chain.capsules.link.tolist()
+    return [(c, d) for c, i in enumerate(link) for d, j in enumerate(link) if j > i + 1]
 
 
 def contact_count(scene: Scene) -> int:
     """Return the number of contacts, open and closed: 2n for Aiko on a flat floor."""
-    return first_pair(scene) + len(pair_contacts(scene))
+    return first_pair(scene) + OF_PAIR * len(capsule_pairs(scene))
 
 
 def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
@@ -93,7 +99,7 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     list of tuple
         ('floor', sphere); ('cell', which, sphere), without the ground it belongs to; ('world',
         number), without the world; ('peg', x, y, radius, number of equal pegs before it,
-        capsule); ('pair', sphere, other sphere).
+        capsule); ('pair', capsule, other capsule, which).
 
     """
     chain, cells = scene.robot.chain, CELLS if scene.ground.heights else 1
@@ -107,7 +113,7 @@ def contact_keys(scene: Scene) -> list[tuple[Any, ...]]:
     for peg in map(tuple, scene.pegs.axes.tolist()):
         keys += [('peg', *peg, before[peg], c) for c in capsules]
         before[peg] += 1
-    return keys + [('pair', *pair) for pair in pair_contacts(scene)]
+    return keys + [('pair', *pair, k) for pair in capsule_pairs(scene) for k in range(OF_PAIR)]
 
 
 def same_contacts(before: Scene, after: Scene) -> tuple[Array, Array]:
@@ -139,20 +145,23 @@ def contact_links(scene: Scene) -> Array:
         _of_ground(scene, chain.spheres.link, chain.capsules.link),
         np.tile(chain.capsules.link, pegs),
     ])  # fmt: skip
-    pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
     of_world = np.column_stack([link, np.full(len(link), -1)])
-    return np.concatenate([of_world, chain.spheres.link[pairs]])
+    return np.concatenate([of_world, chain.capsules.link[_capsules_of_pairs(scene)]])
 
 
 def contact_radii(scene: Scene) -> Array:
     """Return the radius of the sphere or capsule of every contact, shape (contacts,) [m]."""
     chain, pegs = scene.robot.chain, len(scene.pegs.x)
-    pairs = np.array(pair_contacts(scene), dtype=int).reshape(-1, 2)
-    radius = chain.spheres.radius
+    radius = chain.capsules.radius
     return np.concatenate([
-        _of_ground(scene, radius, chain.capsules.radius), np.tile(chain.capsules.radius, pegs),
-        radius[pairs[:, 0]],
+        _of_ground(scene, chain.spheres.radius, radius), np.tile(radius, pegs),
+        radius[_capsules_of_pairs(scene)[:, 0]],
     ])  # fmt: skip
+
+
+def _capsules_of_pairs(scene: Scene) -> Array:
+    """Return both capsules of every contact of links with each other, shape (contacts, 2)."""
+    return np.repeat(np.array(capsule_pairs(scene), dtype=int).reshape(-1, 2), OF_PAIR, axis=0)
 
 
 def _of_ground(scene: Scene, spheres: Array, capsules: Array) -> Array:
@@ -383,15 +392,55 @@ def _fill_pair_contacts(
     scene: Scene, q: Array, axes: Array, wanted: Array, gap: Array, lever: Array, frame: Array
 ) -> None:
     """Fill gaps, levers and frames of the contacts of two links; see `contact_geometry`."""
-    spheres, centers = scene.robot.chain.spheres, sphere_centers(scene.robot, q)
-    for a, (s, t) in enumerate(pair_contacts(scene), first_pair(scene)):
-        if not wanted[a]:
-            continue
-        i, apart = spheres.link[s], centers[s] - centers[t]
-        distance = np.linalg.norm(apart)
-        gap[a] = distance - spheres.radius[s] - spheres.radius[t]
-        lever[a] = centers[s] - q[i, :3] - spheres.radius[s] * apart / distance
-        frame[a] = apart / distance, *tangents(apart / distance, axes[i])
+    link, center, along, half, radius = scene.robot.chain.capsules
+    R, first = rotation_matrices(q[:, 3:]), first_pair(scene)
+    middle = q[link, :3] + np.einsum('cij,cj->ci', R[link], center)
+    along = np.einsum('cij,cj->ci', R[link], along)
+    for p, (c, d) in enumerate(capsule_pairs(scene)):
+        i, places = link[c], nearest_on_axes(middle[c] - middle[d], along[[c, d]], half[[c, d]])
+        for a, place in enumerate(places, first + OF_PAIR * p):
+            if place is None or not wanted[a]:
+                continue
+            s, t = place
+            one, other = middle[c] + s * along[c], middle[d] + t * along[d]
+            distance = np.linalg.norm(one - other)
+            normal = (one - other) / distance
+            gap[a] = distance - radius[c] - radius[d]
+            lever[a] = one - q[i, :3] - radius[c] * normal
+            frame[a] = normal, *tangents(normal, axes[i])
+
+
+def nearest_on_axes(apart: Array, along: Array, half: Array) -> list[tuple[float, float] | None]:
+    """
+    Return where the axes of two capsules are near each other, for each of their contacts.
+
+    Parameters
+    ----------
+    apart : ndarray, shape (3,)
+        From the middle of the second axis to that of the first one [m].
+    along : ndarray, shape (2, 3)
+        Unit vectors along both.
+    half : ndarray, shape (2,)
+        Halves of their lengths [m], 0 for a sphere, which has one end.
+
+    Returns
+    -------
+    list of (s, t) or None
+        Places on both axes, from their middles [m]; None if there is no such contact.
+
+    """
+    places: list[tuple[float, float] | None] = []
+    a, b, cosine = apart @ along[0], apart @ along[1], along[0] @ along[1]
+    for k, s in enumerate((-half[0], half[0])):
+        t = min(max(b + s * cosine, -half[1]), half[1])
+        places.append((s, t) if k == 0 or half[0] > 0.0 else None)
+    for k, t in enumerate((-half[1], half[1])):
+        s = t * cosine - a
+        places.append((s, t) if abs(s) < half[0] and (k == 0 or half[1] > 0.0) else None)
+    sine = 1.0 - cosine**2
+    s, t = ((cosine * b - a) / sine, (b - cosine * a) / sine) if sine > PARALLEL else half
+    places.append((s, t) if abs(s) < half[0] and abs(t) < half[1] else None)
+    return places
 
 
 def resting_height(ground: Ground, x: float, y: float, radius: float) -> float:

@@ -288,7 +288,7 @@ def refuse_overlap(scene: Scene, q: Array) -> None:
         raise ParameterError(
             f'links must be apart at the start: link {link} is {depth:.3g} m inside link {other}'
         )
-    peg = (a - first) // scene.robot.link_count
+    peg = (a - first) // len(scene.robot.chain.capsules.link)
     x, y, radius = scene.pegs.axes[peg]
     raise ParameterError(
         f'pegs must be beside the robot at its start: peg {peg + 1} at ({x:g}, {y:g}) m with '

@@ -25,7 +25,13 @@ from snake_sim_ros.dynamics.free_chain import make_free_chain
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, make_axis_laws
 from snake_sim_ros.dynamics.kinematics import JointFrames, make_joint_frames
 from snake_sim_ros.dynamics.mechanism import make_mechanism, Mechanism
-from snake_sim_ros.scene.obstacles import contact_count, contact_links, is_flat, pair_contacts
+from snake_sim_ros.scene.obstacles import (
+    capsule_pairs,
+    contact_count,
+    contact_links,
+    is_flat,
+    OF_PAIR,
+)
 from snake_sim_ros.scene.parameters import Array, DRIFT_CORRECTIONS, Scene
 from snake_sim_ros.stepping.accuracy import path_tolerance
 
@@ -125,7 +131,7 @@ def operator_of(scene: Scene) -> Operator:
 def make_workspace(scene: Scene) -> Workspace:
     """Return the workspace for a scene, filled with zeros."""
     n, count, zeros = scene.robot.link_count, contact_count(scene), np.zeros
-    R = zeros((n, 3, 3))
+    R, of_links = zeros((n, 3, 3)), OF_PAIR * len(capsule_pairs(scene))
     return Workspace(
         q_mid=zeros((n, 7)),
         R=R,
@@ -160,7 +166,7 @@ def make_workspace(scene: Scene) -> Workspace:
             free=make_free_chain(n),
         ),
         # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
-        pairs=None if is_flat(scene) else make_delassus(5 * len(pair_contacts(scene)), n),
+        pairs=None if is_flat(scene) else make_delassus(5 * of_links, n),
         closed=np.zeros(count, np.int64),
         operator=operator_of(scene),
         contacts=make_contacts(contact_links(scene)),

@@ -101,9 +101,9 @@ def test_the_same_contacts_are_at_the_same_places(one, two):
 
 
 def test_contacts_are_counted():
-    # 2 spheres a link; 6 more slots with cells; a slot a peg; 4 contacts of links 1 and 3.
+    # 2 spheres a link; 6 more slots with cells; a slot a peg; 5 contacts of links 1 and 3.
     counts = [len(obstacles.contact_keys(scene_of(name))) for name in OBSTACLES]
-    assert counts == [6, 12, 15, 24, 10, 16]
+    assert counts == [6, 12, 15, 24, 11, 17]
     assert counts == [obstacles.contact_count(scene_of(name)) for name in OBSTACLES]
     shared = [
         len(obstacles.same_contacts(scene_of(one), scene_of(two))[0])

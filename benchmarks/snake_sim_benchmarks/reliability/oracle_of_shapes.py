@@ -1,7 +1,7 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
 """
-Distances of spheres and capsules from solids, beside those of the library coal.
+Distances of spheres and capsules from solids and each other, beside those of the library coal.
 
     python -m snake_sim_benchmarks.reliability.oracle_of_shapes [pairs]
 
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.contact.shapes import Axis, moved, times
+from snake_sim_ros.contact.shapes import Axis, minus, moved, near_on_axes, size_of, times
 from snake_sim_ros.contact.surroundings import (
     find_places_of_axis,
     make_surroundings,
@@ -26,6 +26,7 @@ from snake_sim_ros.contact.surroundings import (
 )
 from snake_sim_ros.dynamics.compilation import compiled
 from snake_sim_ros.scene.chain import roll_pitch_yaw
+from snake_sim_ros.scene.obstacles import OF_PAIR
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import rotation_matrices
 from snake_sim_ros.scene.world import Box, Pole, Ramp, solids_of, World
@@ -54,6 +55,52 @@ def distance_of_capsule(
         for k in range(count):
             nearest = min(nearest, world.touched.places[k, 0])
     return nearest
+
+
+@compiled
+def distance_of_axes(rows: Array, half: Array) -> float:
+    """
+    Return the distance of the axes of two capsules [m].
+
+    `rows` are the middle of each axis and its direction, `half` the halves of their lengths [m].
+    """
+    one = Axis((rows[0, 0], rows[0, 1], rows[0, 2]), (rows[0, 3], rows[0, 4], rows[0, 5]), half[0])
+    two = Axis((rows[1, 0], rows[1, 1], rows[1, 2]), (rows[1, 3], rows[1, 4], rows[1, 5]), half[1])
+    nearest = math.inf
+    for k in range(OF_PAIR):
+        s, t = near_on_axes(one, two, k)
+        if s < math.inf:
+            apart = minus(moved(one.middle, s, one.along), moved(two.middle, t, two.along))
+            nearest = min(nearest, size_of(apart))
+    return nearest
+
+
+def difference_of_links(pairs: int, seed: int) -> tuple[float, int]:
+    """Do the same as `largest_difference` for capsules of links and each other."""
+    import coal
+
+    rng = np.random.default_rng(seed)
+    request, worst, met = coal.DistanceRequest(), 0.0, 0
+    request.gjk_tolerance, request.gjk_max_iterations = 1e-14, 10_000
+    for _ in range(pairs):
+        p, middle = rng.normal(size=(2, 4)), rng.uniform(-0.5, 0.5, (2, 3))
+        R = rotation_matrices(p / np.linalg.norm(p, axis=1, keepdims=True))
+        half, radius = (
+            rng.choice([0.0, 1.0], 2) * rng.uniform(0.01, 0.5, 2),
+            rng.uniform(0.01, 0.1, 2),
+        )
+        shapes = [
+            coal.Capsule(r, 2 * h) if h > 0.0 else coal.Sphere(r)
+            for r, h in zip(radius, half, strict=True)
+        ]
+        poses = [coal.Transform3s(*each) for each in zip(R, middle, strict=True)]
+        result = coal.DistanceResult()
+        coal.distance(shapes[0], poses[0], shapes[1], poses[1], request, result)
+        if result.min_distance <= 1e-6:
+            continue
+        found = distance_of_axes(np.hstack([middle, R[:, :, 2]]), half) - radius.sum()
+        worst, met = max(worst, abs(found - result.min_distance)), met + 1
+    return worst, met
 
 
 def solids(kind: str, rng: np.random.Generator, count: int) -> tuple[World, list[Any]]:
@@ -145,8 +192,11 @@ def main(arguments: Sequence[str]) -> int:
     """Print the largest differences."""
     pairs = int(arguments[0]) if arguments else 100_000
     kinds = [(kind, each) for kind in ('box', 'pole', 'wedge') for each in (False, True)]
+    share = pairs // (len(kinds) + 1)
+    worst, met = difference_of_links(share, len(kinds))
+    print(f'links and each other: {worst:.1e} m in {met} pairs that are apart')
     for seed, (kind, capsules) in enumerate(kinds):
-        worst, met = largest_difference(kind, capsules, pairs // len(kinds), seed)
+        worst, met = largest_difference(kind, capsules, share, seed)
         name = 'capsules' if capsules else 'spheres'
         print(f'{name} and {kind}: {worst:.1e} m in {met} pairs that are apart')
     return 0

@@ -67,6 +67,7 @@ SHORTENED = {
         '--duration 1'
     ),
     './run run config/sidewinding.yaml --out run.npz': '--duration 1',
+    './run run large_step --duration 40 --out run.npz': '--duration 0.5',
 }
 # In the same way, for programs in Python.
 SHORTER = {'duration=5.0': 'duration=1.0', 'duration=2.0': 'duration=1.0', '40_000': '4_000'}

@@ -33,7 +33,7 @@ import numpy as np
 
 from snake_sim_ros.controllers.controller import Measured, Reference
 from snake_sim_ros.scene.checked_records import ParameterError
-from snake_sim_ros.scene.gait import soft_start
+from snake_sim_ros.scene.gait import soft_start, Wave
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, rotation_matrices
 
@@ -102,12 +102,17 @@ class PartitionedGait:
             If the gait is no lateral undulation, or the step is lower than both turns are.
 
         """
-        robot, self.wave = scene.robot, scene.gait.yaw
+        robot, gait, self.wave = scene.robot, scene.gait, scene.gait.yaw
         self.links, self.length = robot.link_count, float(robot.per_link('link_length').mean())
-        if scene.gait.table or not self.wave.amplitude or not self.wave.phase_lag:
-            raise ParameterError('a partitioned gait needs a gait with a wave of the yaw joints')
+        is_a_wave = self.wave.amplitude != 0.0 and self.wave.phase_lag != 0.0
+        has_more = self.wave.offset or self.wave.gradient or gait.pitch != Wave() or gait.table
+        if has_more or not is_a_wave:
+            raise ParameterError(
+                'a partitioned gait needs a wave of the yaw joints without offset and gradient, '
+                'and nothing else'
+            )
         self.limit = robot.joint_limit
-        self.fade_in = scene.gait.soft_start
+        self.fade_in = gait.soft_start
         self.heading = self.wave.amplitude / (2.0 * math.sin(self.wave.phase_lag / 2.0))
         x = (np.arange(1000) + 0.5) / 1000
         turn = 2.0 * self.bend * float(np.sin(math.pi / 2 * step(x, 1.0)).mean())

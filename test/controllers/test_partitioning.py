@@ -79,6 +79,7 @@ def test_what_cannot_be_is_said_in_a_sentence(values, message):
         PartitionedGait(**values).start(SCENE)
 
 
-def test_it_needs_a_wave():
-    with pytest.raises(ParameterError, match='needs a gait with a wave of the yaw joints'):
-        PartitionedGait(height=0.4, face=1.0).start(load_scene('linear_progression'))
+@pytest.mark.parametrize('scene', ['linear_progression', 'sidewinding', 'concertina', 'eel_like'])
+def test_it_needs_a_wave_and_nothing_else(scene):
+    with pytest.raises(ParameterError, match='needs a wave of the yaw joints without offset'):
+        PartitionedGait(height=0.6, face=1.0).start(load_scene(scene))

@@ -11,10 +11,13 @@ linearly along its body turns as a cone rolls, about the point where the amplitu
 Kelasidi, Liljeback, Pettersen, Gravdahl, Integral line-of-sight guidance for path following
 control of underwater snake robots, T-RO 2017: cross-track error e and heading chi converge as the
 cascade ``e' = sin chi``, ``chi' = -k (chi + arctan(e/Delta))``, by distance, with our proportional
-heading controller in place of theirs.
+heading controller in place of theirs. [F] Fu, Li, Robotic modelling of snake traversing large,
+smooth obstacles reveals stability benefits of body compliance, R. Soc. Open Sci. 7, 2020: a
+robot with a partitioned gait stably traverses steps of a third of its length; on higher ones it
+is more likely to fail, and fails by turning over. Robot and gait are those of `large_step`.
 
 A tolerance is what the publication leaves open: small amplitudes, equal loads, an ideal heading
-controller. None was chosen after the measurement to make a line pass.
+controller, a probability that is high. None was chosen after the measurement to make a line pass.
 """
 
 from collections.abc import Iterator
@@ -26,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from snake_sim_benchmarks.large_steps import trials
 from snake_sim_ros import Following, Run, run
 
 ANGULAR_FREQUENCY = 1.4  # rad/s
@@ -64,6 +68,7 @@ def lines() -> Iterator[Line]:
     yield from undulation()
     yield from cones()
     yield from guidance()
+    yield from large_steps()
 
 
 # ---- lateral undulation [L] ---------------------------------------------------------------------
@@ -190,3 +195,20 @@ def guidance() -> Iterator[Line]:
             f'{lookahead:g} m [m]',
             _cascade(path.heading_gain, lookahead), _distance(x, y - 0.5), 0.2,
         )  # fmt: skip
+
+
+# ---- a partitioned gait [F] ---------------------------------------------------------------------
+
+
+def large_steps() -> Iterator[Line]:
+    """Yield how many of ten trials go over a third of the length, and how those higher up fail."""
+    third, higher = (trials(share, 10)[0] for share in (0.33, 0.43))
+    yield Line(
+        'share of trials that traverse a step of 33 % of the length', 1.0,
+        third['traversed'] / third.total(), 0.1,
+    )  # fmt: skip
+    failures = higher['turned over'] + higher['stuck']
+    yield Line(
+        'share of those that fail at 43 % by turning over', 1.0,
+        higher['turned over'] / max(1, failures), 0.1,
+    )  # fmt: skip

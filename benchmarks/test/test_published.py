@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published results: their formulas, and how a line judges."""
 
+from collections import Counter
 import math
 
 import numpy as np
 import pytest
 
-from snake_sim_benchmarks import published
+from snake_sim_benchmarks import large_steps, published
 from snake_sim_benchmarks.published import k_delta, Line
 
 
@@ -33,6 +34,17 @@ def test_distances_are_those_of_a_decay():
 def test_published_results_are_measured(monkeypatch):
     monkeypatch.setattr(published, 'undulation', lambda: iter([Line('a', 1.0, 1.0, 0.1)]))
     monkeypatch.setattr(published, 'cones', lambda: iter(()))
+    ends = iter([Counter({'traversed': 10}), Counter({'turned over': 9, 'stuck': 1})])
+    monkeypatch.setattr(published, 'trials', lambda share, count: (next(ends), 0))
     found = list(published.lines())
-    assert len(found) == 4
+    assert len(found) == 6
     assert all(line.passed for line in found)
+
+
+def test_a_trial_ends_in_one_of_three_ways():
+    # From where a robot of 1.4 m begins, 2 s do not take it to the step; at rest it stays there.
+    kind, moved = large_steps.trial(0.33, 0, {'duration': 2.0, 'dt': 1 / 200})
+    assert kind == 'stuck'
+    assert moved.position[-1, 0, 0] < moved.position[0, 0, 0] - 0.05
+    overturned = {'duration': 0.1, 'start.tilt': math.pi}
+    assert large_steps.trial(0.33, 0, overturned)[0] == 'turned over'

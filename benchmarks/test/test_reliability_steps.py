@@ -11,6 +11,7 @@ import pytest
 from snake_sim_benchmarks.comparison.csv_tables import plain, read_table, TableWriter
 from snake_sim_benchmarks.reliability import longest, steps
 from snake_sim_benchmarks.reliability.trials import COLUMNS, draw_trials, Trial
+from snake_sim_ros import Simulation
 from snake_sim_ros.recording import checkpoint
 from snake_sim_ros.scene.parameters import load_scene, with_settings
 
@@ -21,7 +22,8 @@ def test_subjects_are_those_that_are_promised():
     found = steps.subjects(0)
     names = {name.partition(',')[0] for name in found}
     assert names == {
-        *('lateral_undulation', 'sidewinding', 'obstacle_aided', 'thrown', 'hyper_redundant')
+        *('lateral_undulation', 'sidewinding', 'obstacle_aided', 'thrown', 'hyper_redundant'),
+        *('stairs', 'rough', 'gap', 'pole_climb', 'pipe_climb', 'pegboard'),
     }
     assert {each.scene.method for each in found.values()} == {'newton', 'bdf2'}
     assert {each.most_steps for each in found.values()} == {10**6, 25 * 10**5, 10**8}
@@ -69,6 +71,15 @@ def test_a_soak_begins_again_from_throws_that_differ():
     assert row.tried == 800  # with the round of the second that is repeated
     assert len({state.u.tobytes() for state in starts}) == 4  # three rounds, and one second more
     assert starts[0].q[:, 2].min() > 0.1
+
+
+def test_robots_in_worlds_start_turned_about_the_axis_of_a_pipe():
+    scene = load_scene('pipe_climb')
+    one, other = (steps.turned(scene, 0, number).state.q[:, :3] for number in (0, 1))
+    assert np.abs(one - other).max() > 1e-3
+    for q in (one, other):
+        here = Simulation(scene).state.q
+        assert np.hypot(*q[:, :2].T) == pytest.approx(np.hypot(*here[:, :2].T))
 
 
 def test_a_soak_notices_what_is_wrong(monkeypatch):

@@ -30,7 +30,7 @@ from snake_sim_ros.scene.obstacles import cell_at, cell_height
 from snake_sim_ros.scene.parameters import Array, Ground
 from snake_sim_ros.scene.robot_description import color_name, COLORS
 from snake_sim_ros.scene.rotations import rotation_matrices
-from snake_sim_ros.scene.surfaces import surfaces_of
+from snake_sim_ros.scene.surfaces import AROUND, surfaces_of
 from snake_sim_ros.scene.world import solids_of, World
 from snake_sim_ros.stepping.trajectory import Trajectory
 from snake_sim_ros.view.frames import bodies_of
@@ -223,11 +223,15 @@ def world_faces(world: World, camera: Array, sun: Array) -> tuple[Array, Array]:
     """
     Return the triangles of a world that look at the viewer, the farthest first, and their colors.
 
-    Poles are left out: they are drawn as bodies, since links may be before and behind them.
+    Poles are left out: they are drawn as bodies, since links may be before and behind them. Pipes
+    are cut open: the half of the wall that is nearer to the viewer would hide what is inside.
     """
     solids, surfaces = solids_of(world), surfaces_of(world)
     boxes, poles = len(solids.box_center), len(solids.poles)
     seen = surfaces[:boxes] + surfaces[boxes + poles :]
+    for k in range(boxes, boxes + len(solids.pipes)):
+        vertices, faces = seen[k]
+        seen[k] = vertices, faces[2 * AROUND :]  # the first ones are those of the outside
     if not seen:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
     corners = np.concatenate([vertices[faces] for vertices, faces in seen])

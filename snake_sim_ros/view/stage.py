@@ -138,9 +138,11 @@ class Stage:
                 f'/world/pegs/{k}', float(radius), height, color=PEG, position=place
             )
         for k, (vertices, faces) in enumerate(solids):
+            shade = SEE_THROUGH if has_a_hole(faces) else None
             self.canvas.add_mesh_simple(
-                f'/world/solids/{k}', vertices, faces, color=GROUND, flat_shading=True
-            )
+                f'/world/solids/{k}', vertices, faces, color=GROUND, opacity=shade,
+                flat_shading=True,
+            )  # fmt: skip
         ground = scene.ground
         if not ground.heights:
             return
@@ -195,6 +197,11 @@ def on_floor(path: Array, height: float) -> Array:
     """Return the pieces of a path (k, 2) or (k, 3) at a height above the floor, (k - 1, 2, 3)."""
     flat = np.column_stack([path[:, :2], np.full(len(path), height)])
     return np.stack([flat[:-1], flat[1:]], axis=1).astype(np.float32)
+
+
+def has_a_hole(faces: Array) -> bool:
+    """Return whether a closed surface of triangles is that of a tube: V - E + F = 0."""
+    return 2 * len(np.unique(faces)) == len(faces)  # as E = 3/2 F
 
 
 def linear(color: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from obstacle_scenes import each_method
 import pytest
 
-from snake_sim_ros import Friction, ParameterError, Patches, Robot, Scene, Start
+from snake_sim_ros import Friction, ParameterError, Patches, Robot, run, Scene, Start
 from snake_sim_ros.contact.placing import depth_of_robot, lift_out_of_world, world_geometry
 from snake_sim_ros.contact.surroundings import make_surroundings, NEARBY
 from snake_sim_ros.scene.chain import roll_pitch_yaw
@@ -536,3 +536,14 @@ def test_a_robot_that_fits_nowhere_is_refused():
 def test_stepper_of_a_world_has_a_history():
     scene = scene_of(BLOCK)
     assert make_stepper(scene) is not None and len(empty_history(scene).impulse) == 1 * 2 + 16
+
+
+@pytest.mark.parametrize('method', ['newton', 'bdf2'])
+def test_a_helix_climbs_inside_a_pipe(method):
+    climb = run(
+        'pipe_climb', duration=4.0, method=method, dt=1 / (1000 if method == 'newton' else 200)
+    )
+    height = climb.position[:, :, 2].mean(axis=1)
+    assert climb.report.unconverged == 0
+    # Both, and shorter steps, climb 0.306 m: each link rolls on the wall.
+    assert height[-1] - height[0] == pytest.approx(0.306, abs=0.005)

@@ -12,8 +12,8 @@ import pytest
 from snake_sim_ros import Scene
 from snake_sim_ros.scene.surfaces import surfaces_of
 from snake_sim_ros.scene.world import Box, EggCrate, Pipe, Pole, Ramp, World
-from snake_sim_ros.view.animation import BOX, Film, Tops
-from snake_sim_ros.view.stage import Stage
+from snake_sim_ros.view.animation import BOX, camera_axes, Film, Tops, UP, world_faces
+from snake_sim_ros.view.stage import SEE_THROUGH, Stage
 
 LENGTH = 1.1  # m, of poles and pipes below
 WORLD = World(
@@ -41,18 +41,19 @@ def test_surfaces_have_the_volumes_of_the_solids():
 
 def test_the_viewer_shows_each_solid():
     viser = pytest.importorskip('viser')
-    drawn = []
+    drawn = {}
 
     class Canvas:
         def add_mesh_simple(self, name, *arguments, **how):
             inspect.signature(viser.SceneApi.add_mesh_simple).bind(self, name, *arguments, **how)
-            drawn.append(name)
+            drawn[name] = how.get('opacity')
 
         def __getattr__(self, name):
             return lambda *arguments, **how: Canvas()
 
     Stage(Canvas(), Scene(world=WORLD))
-    assert len([name for name in drawn if 'solids' in name]) == 4
+    opacity = [shade for name, shade in drawn.items() if 'solids' in name]
+    assert opacity == [None, None, SEE_THROUGH, None]  # box, pole, pipe, ramp
 
 
 def test_films_show_boxes_and_poles_beside_the_robot():
@@ -63,6 +64,14 @@ def test_films_show_boxes_and_poles_beside_the_robot():
     color = np.array(image.getpixel((int(x + image.width / 2), int(y + image.height / 2))))
     assert np.abs(color / color.max() - np.array(BOX) / max(BOX)).max() < 0.05
     assert len(film.pegs) == round(1.0 / 0.06) and (film.radius[-len(film.pegs) :] == 0.03).all()
+
+
+def test_films_cut_pipes_open():
+    camera = camera_axes(0.0)
+    faces, _ = world_faces(World(pipes=(Pipe(radius=0.15, inner=0.1),)), camera, UP)
+    assert np.hypot(*faces[..., :2].T).min() == pytest.approx(0.1)
+    outside = (np.hypot(faces[..., 0], faces[..., 1]) > 0.14).all(axis=1)
+    assert not outside.any()
 
 
 def test_shadows_lie_on_what_is_below():

@@ -3,7 +3,8 @@
 """
 Very long runs, which must stay converged, bounded, flat in memory and time, and repeatable.
 
-Each subject is run for its share of the time, up to `MOST_STEPS` of its method. Memory in use may
+Subjects are gaits on the floor, a robot that is thrown, 200 links, and the scenes with worlds.
+Each is run for its share of the time, up to `MOST_STEPS` of its method. Memory in use may
 grow by `MEMORY_GROWTH` after the first hundredth of the steps. Time per step is compared between
 the first and the last third of the run, as medians over seconds of simulated time; each is divided
 by the median time of one second of the same scene that is run again and again in between, so that
@@ -42,6 +43,10 @@ YARDSTICK_SHARE = 0.1  # of the seconds that are run are the same again
 MINUTE = 60.0  # s of simulated time from one checkpoint to the next
 SPEED = 3.0  # of throws, in each direction [m/s]
 SPIN = 8.0  # of throws, about each axis [rad/s]
+WORLDS = ('stairs', 'rough', 'gap', 'pole_climb', 'pipe_climb', 'pegboard')  # scenes
+WORLD_STEPS = {'newton': 1 / 1000, 'bdf2': 1 / 200}  # s
+TURN = 0.1  # of a robot in a world, about the z axis, to either side [rad]
+LANDING = 5.0  # m/s, whose way in a step is how deep `newton` lets robots land in worlds
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,12 @@ def thrown(scene: Scene, seed: int, number: int) -> Simulation:
 
 
 def subjects(seed: int) -> dict[str, Subject]:
-    """Return what is soaked, by name; the slowest comes last, since others leave it time."""
+    """
+    Return what is soaked, by name.
+
+    Where robots leave their surroundings, they start again after every duration of the scene, in
+    worlds each time turned a little about the z axis.
+    """
     scene = load_scene('hyper_redundant')
     found = {'hyper_redundant, newton': Subject(scene, 1e-3, 1e-3, 10**6)}
     for method, dt, dt_thrown in (('bdf2', 1 / 100, 1 / 400), ('newton', 1 / 4000, 1 / 4000)):
@@ -99,11 +109,28 @@ def subjects(seed: int) -> dict[str, Subject]:
             scene = with_settings(load_scene(name), settings | {'method': method, 'dt': dt})
             again = partial(_again, scene) if scene.pegs.x else None
             found[f'{name}, {method}'] = Subject(scene, 1e-3, 1e-3, MOST_STEPS[method], again)
+        for name in WORLDS:
+            dt = WORLD_STEPS[method]
+            scene = with_settings(load_scene(name), {'method': method, 'dt': dt})
+            deepest = LANDING * dt if method == 'newton' else 1e-3
+            start = partial(turned, scene, seed)
+            found[f'{name}, {method}'] = Subject(scene, deepest, 1e-3, MOST_STEPS[method], start)
     return found
 
 
 def _again(scene: Scene, number: int) -> Simulation:
     return Simulation(scene)
+
+
+def turned(scene: Scene, seed: int, number: int) -> Simulation:
+    """Return the simulation of a scene whose robot starts turned a little about the z axis."""
+    turn = float(np.random.default_rng((seed, number)).uniform(-TURN, TURN))
+    (x, y), c, s = scene.start.position, np.cos(turn), np.sin(turn)
+    start = {
+        'start.position': (float(c * x - s * y), float(s * x + c * y)),
+        'start.heading': scene.start.heading + turn,
+    }
+    return Simulation(with_settings(scene, start))
 
 
 def trials(seconds: float, seed: int) -> Iterator[Trial]:

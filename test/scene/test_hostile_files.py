@@ -143,7 +143,7 @@ def test_scenes_that_need_too_much_memory_are_refused():
     late = Robot(link_count=3, command_delay=10.0)
     with pytest.raises(ParameterError, match='command_delay must be at most 100000 steps'):
         Simulation(Scene(robot=late, dt=1e-7))
-    with pytest.raises(ParameterError, match='needs more memory than there is for the 79204'):
+    with pytest.raises(ParameterError, match='needs more memory than there is for the 98905'):
         Simulation(Scene(robot=Robot(link_count=200), self_contact=True, method='bdf2'))
     for count in (10**13, 10**20):
         with pytest.raises(ParameterError, match=f'{count} samples need more memory'):

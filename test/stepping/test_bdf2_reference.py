@@ -30,8 +30,9 @@ RESIDUAL = 1e-14  # m/s
 # Impulses that hold a joint are stiffness times rounding of rates: 1e7 N m s^2 times 1e-14 rad/s,
 # here of links of 1e-3 kg m^2.
 HELD_AGREEMENT = 1e-6
-# Velocities up to 10 m/s and rad/s are rounded in dense systems with a condition of 1e2 to 1e3.
-AGREEMENT, FASTEST = 1e-12, 10.0
+# Velocities up to 10 m/s and rad/s are rounded in dense systems with a condition of up to 1e3.
+FASTEST = 10.0
+AGREEMENT = 1e3 * FASTEST * np.finfo(float).eps
 INSIDE = 1e-2  # m
 LINKS, SPEEDS, LIFTS = (1, 2, 5, 11), (0.05, 0.2, 0.5), (0.0, 1e-4, 1e-3)  # m/s, m
 
@@ -297,7 +298,9 @@ def check_among_obstacles(cases):
 
 @pytest.mark.parametrize('friction', [SIDES_AND_VISCOUS, FALLING], ids=['sides', 'falling'])
 def test_it_is_among_pegs_cells_and_links(friction):
-    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2], friction) for seed in range(45))
+    # In the last one the first link of five meets the last.
+    seeds = [*range(45), 83]
+    check_among_obstacles(among_obstacles(seed, (3, 5)[seed % 2], friction) for seed in seeds)
 
 
 def test_a_given_state_is_recognized():

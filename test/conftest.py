@@ -21,7 +21,7 @@ FAST = 'pytest.mark.fast'  # what files of fast tests say
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['contact/test_condensing.py', 'stepping/test_change.py']
-    collect_ignore.append('stepping/test_one_step.py')
+    collect_ignore += ['stepping/test_one_step.py', 'dynamics/test_articulated_body.py']
 # They are not on PyPI: .ci/interfaces generates them, test/nodes has stand-ins for them.
 for package, name in (
     ('control_msgs', 'follow_joint_trajectory'),

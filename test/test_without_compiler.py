@@ -53,7 +53,9 @@ def test_physics_runs_without_nodes_and_without_compiler(uncompiled, method, lev
 
 
 def test_what_is_tested_without_compiler():
-    assert_passed('stepping/test_change.py contact/test_condensing.py')
+    assert_passed(
+        'stepping/test_change.py contact/test_condensing.py dynamics/test_articulated_body.py'
+    )
 
 
 def test_a_first_verdict_takes_seconds():

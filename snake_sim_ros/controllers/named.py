@@ -17,14 +17,20 @@ import sys
 from types import ModuleType
 from typing import Any
 
+from snake_sim_ros.controllers.compliance import ShapeCompliance
 from snake_sim_ros.controllers.controller import Controller
 from snake_sim_ros.controllers.following import PathFollower
+from snake_sim_ros.controllers.obstacle_aided import ObstacleAided
 from snake_sim_ros.controllers.oscillators import CentralPatternGenerator
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, nearest, ParameterError
 from snake_sim_ros.scene.parameters import Scene
 
 GAIT = 'gait'  # the gait of the scene as it is, also where there is a path
-CONTROLLERS: dict[str, Callable[..., Controller]] = {'oscillators': CentralPatternGenerator}
+CONTROLLERS: dict[str, Callable[..., Controller]] = {
+    'oscillators': CentralPatternGenerator,
+    'compliance': ShapeCompliance,
+    'obstacle_aided': ObstacleAided,
+}
 
 
 def controller_of(scene: Scene) -> Controller | None:

@@ -68,9 +68,9 @@ class ObstacleAided:
         self,
         amplitude: float = 0.77,
         phase_lag: float = 0.63,
-        push: float = 30.0,
-        growth: float = 0.5,
-        press: float = 0.005,
+        push: float = 60.0,
+        growth: float = 1.0,
+        press: float = 0.01,
         threshold: float = 5.0,
         period: float = 0.05,
     ) -> None:

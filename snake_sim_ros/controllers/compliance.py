@@ -26,6 +26,7 @@ CDC 2016. Theirs has an inertia besides, and no threshold; its bends yield by am
 frequency. The wave at rest is wider than that of most gaits, so that it reaches obstacles.
 """
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -33,6 +34,7 @@ import numpy as np
 from snake_sim_ros.controllers.controller import Measured, Reference
 from snake_sim_ros.controllers.wide_wave import check_values, ENTRY, faded_in, wide
 from snake_sim_ros.scene import gait as waves
+from snake_sim_ros.scene.gait import Wave
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_angles
 
@@ -82,6 +84,7 @@ class ShapeCompliance:
     def start(self, scene: Scene) -> None:
         """Begin anew, in the posture of a scene and with bends at rest."""
         self.robot, self.gait = scene.robot, wide(scene, self.amplitude, self.phase_lag)
+        self._pitch = replace(self.gait, yaw=Wave())
         self._posture, self._fade_in = initial_angles(scene), max(ENTRY, scene.gait.soft_start)
         self._joint = np.arange(len(self._posture))
         self._servo = scene.robot.per_joint('stiffness')[:, 0]
@@ -103,25 +106,24 @@ class ShapeCompliance:
         )  # dtheta_i/dA, dtheta_i/deta
         scale = np.array([1.0, self.amplitude**2])
         spring, damper = self.stiffness * scale, self.damping * scale
-        blocked = np.tensordot(self._servo * (excess != 0.0), moves**2, (0, 1))
-        force = -np.tensordot(excess, moves, (0, 1)) - spring * (begin - rest)
+        blocked = np.einsum('i,kiv->kv', self._servo * (excess != 0.0), moves**2)
+        force = -np.einsum('i,kiv->kv', excess, moves) - spring * (begin - rest)
         end = begin + h * force / (damper + h * (spring + blocked))
         end = np.clip(end, [0.0, -LARGEST_SHIFT], [self.amplitude, LARGEST_SHIFT])
         self._values = dict(zip(windows.tolist(), end, strict=True))
         slope = (end - begin) / h
 
         def reference(times: Array) -> tuple[Array, Array]:
-            angle, rate = waves.reference(self.gait, times, len(self._joint))
+            angle, rate = waves.reference(self._pitch, times, len(self._joint))
             phase, omega = self._phase(times), self.gait.yaw.angular_frequency
             weight, change = weights(phase, windows)
             value = begin[:, None] + slope[:, None] * (times - time)[:, None]
             A, eta = np.einsum('kmi,kmv->vmi', weight, value)
-            A_dot, eta_dot = np.tensordot(slope, weight, (0, 0)) + omega * np.einsum(
-                'kmi,kmv->vmi', change, value
-            )
+            A_dot, eta_dot = np.einsum('kmi,kv->vmi', weight, slope)
+            A_slope, eta_slope = omega * np.einsum('kmi,kmv->vmi', change, value)
             sine, cosine = np.sin(phase + eta), np.cos(phase + eta)
             angle[..., 0] = A * sine + self.gait.yaw.offset
-            rate[..., 0] = A_dot * sine + A * (omega + eta_dot) * cosine
+            rate[..., 0] = (A_dot + A_slope) * sine + A * (omega + eta_dot + eta_slope) * cosine
             return angle, rate
 
         return faded_in(reference, self._posture, self._fade_in)

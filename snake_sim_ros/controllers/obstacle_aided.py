@@ -25,12 +25,15 @@ joints at contacts turn so that forward forces grow. Theirs detects a jam and en
 its own; here both are one law.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from snake_sim_ros.controllers.controller import Measured, Reference
 from snake_sim_ros.controllers.wide_wave import check_values, ENTRY, faded_in, wide
 from snake_sim_ros.scene import gait as waves
 from snake_sim_ros.scene.checked_records import ParameterError
+from snake_sim_ros.scene.gait import Wave
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.posture import initial_angles
 
@@ -60,6 +63,11 @@ class ObstacleAided:
     period : float, optional
         Time from one call to the next [s].
 
+    Attributes
+    ----------
+    share : float
+        x, of the way from the wave of the gait to the widest one, at the end of the period.
+
     """
 
     sees_poses, sees_contacts = False, True
@@ -88,23 +96,19 @@ class ObstacleAided:
         """Begin anew, with the wave of a scene."""
         self.robot, yaw = scene.robot, scene.gait.yaw
         self.gait = wide(scene, self.amplitude, self.phase_lag)
-        waves_of_yaw = yaw, self.gait.yaw  # narrow and wide
+        waves_of_yaw = yaw, self.gait.yaw  # narrow and broad
         self._waves = np.array([[wave.amplitude, wave.phase_lag] for wave in waves_of_yaw])
+        self._pitch = replace(self.gait, yaw=Wave())
         self._posture, self._fade_in = initial_angles(scene), max(ENTRY, scene.gait.soft_start)
         self._joint = np.arange(len(self._posture))
         self._lateral = lateral_moves(scene.robot.link_count)
-        self._share, self._push, self._turned = 0.0, 0.0, np.zeros(len(self._posture))
-
-    @property
-    def share(self) -> float:
-        """Share x of the way to the widest wave."""
-        return self._share
+        self.share, self._push, self._turned = 0.0, 0.0, np.zeros(len(self._posture))
 
     def control(self, measured: Measured, time: float) -> Reference:
         """Return the wave of the next period, which widens and turns aside at constant rates."""
         if measured.contact_wrench is None:
             raise ParameterError('the controller needs the contact forces of the links')
-        h, begin, aside = self.period, self._share, self._turned
+        h, begin, aside = self.period, self.share, self._turned
         yaw = self.robot.by_joint(measured.joint_angle, absent=0.0)[:, 0]
         direction = np.append(0.0, np.cumsum(yaw))
         force = measured.contact_wrench[:, Y]
@@ -112,21 +116,21 @@ class ObstacleAided:
         forward = force * np.sin(direction - direction.mean())
         self._push += (forward.sum() - self._push) * h / (h + FILTER)
         share = begin + h * self.growth * (1.0 - self._push / self.push)
-        self._share = min(max(share, 0.0), 1.0)
+        self.share = min(max(share, 0.0), 1.0)
 
-        wave, (narrow, wide_one) = self.gait.yaw, self._waves
-        way = wide_one - narrow
+        wave, (narrow, broad) = self.gait.yaw, self._waves
+        way = broad - narrow
         signed = np.sign(forward) * np.clip(force, -LARGEST_FORCE, LARGEST_FORCE)
         drive = -self.press * self._lateral @ signed
         before = np.append(0.0, aside[:-1])
-        speed = abs(wave.angular_frequency / narrow[1])
+        speed = abs(wave.angular_frequency / (narrow[1] or self.phase_lag))
         turned = aside + h * (speed * (before - aside) + (drive - aside) / DECAY)
         self._turned = np.clip(turned, -LARGEST_TURN, LARGEST_TURN)
-        slope, turning = (self._share - begin) / h, (self._turned - aside) / h
+        slope, turning = (self.share - begin) / h, (self._turned - aside) / h
         low, high, _ = (each[:, 0] for each in self.robot.limits)
 
         def reference(times: Array) -> tuple[Array, Array]:
-            angle, rate = waves.reference(self.gait, times, len(self._joint))
+            angle, rate = waves.reference(self._pitch, times, len(self._joint))
             age = (times - time)[:, None]
             A, lag = narrow[:, None, None] + (begin + slope * age) * way[:, None, None]
             A_dot, lag_dot = slope * way

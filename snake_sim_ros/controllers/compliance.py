@@ -21,9 +21,10 @@ which the joints push. Steps are implicit in the values and in the torques of jo
 blocked, which the stiffness of the servos gives.
 
 Sources: Travers, Whitman, Choset, Shape-based coordination in locomotion control, IJRR 37, 2018;
-Whitman, Ruscelli, Travers, Choset, Shape-based compliance with decentralized activation windows,
-CDC 2016. Theirs has an inertia besides, and no threshold; its bends yield by amplitude and spatial
-frequency. The wave at rest is wider than that of most gaits, so that it reaches obstacles.
+Whitman, Ruscelli, Travers, Choset, Shape-based compliant control with variable coordination
+centralization on a snake robot, CDC 2016. Theirs has an inertia besides, and no threshold; its
+bends yield by amplitude and spatial frequency. The wave at rest is wider than that of most gaits,
+so that it reaches obstacles.
 """
 
 from dataclasses import replace

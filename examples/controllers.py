@@ -1,12 +1,13 @@
 # Copyright 2026 snake_sim_ros maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steer gaits by speeds and turning rates, blend gaits, change oscillators, and draw each."""
+"""Steer and blend gaits, change oscillators, move by push points, and draw each."""
 
 import argparse
 import math
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -15,6 +16,7 @@ from snake_sim_ros.controllers.controller import Reference
 from snake_sim_ros.gaits.blending import Blend, shortest_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
 
+DENSE_PEGS = Path(__file__).with_name('dense_pegs.yaml')
 BLUE, GREEN, ORANGE = '#0072b2', '#009e73', '#e69f00'
 Changes = list[tuple[float, Gait]]  # gaits, and the times at which each begins [s]; the first at 0
 
@@ -160,6 +162,27 @@ def draw_oscillators(share: float) -> Figure:
     return figure
 
 
+def draw_obstacles(share: float) -> Figure:
+    """Move between dense pegs by the gait alone and by what torques and contacts tell."""
+    figure = Figure(figsize=(9.0, 7.0), layout='constrained')
+    names = {'gait': BLUE, 'compliance': ORANGE, 'obstacle_aided': GREEN}
+    panels = figure.subplots(len(names), 1, sharex=True)
+    for axes, (name, color) in zip(panels, names.items(), strict=True):
+        moved = run(DENSE_PEGS, controller=name, duration=20.0 * share)
+        print(f'{name}: {moved.distance:.2f} m between pegs')
+        pegs = moved.scene.pegs
+        axes.add_collection(
+            EllipseCollection(
+                2 * pegs.radius, 2 * pegs.radius, 0.0, units='xy', facecolors='0.6',
+                offsets=np.column_stack([pegs.x, pegs.y]), offset_transform=axes.transData,
+            )
+        )  # fmt: skip
+        draw_bodies(axes, moved, np.linspace(0.0, moved.time[-1], 3), color)
+        axes.set(ylabel='y [m]', title=f'{name}: {moved.distance:.2f} m', ylim=(-1.3, 1.3))
+    panels[-1].set_xlabel('x [m]')
+    return figure
+
+
 def main() -> None:
     """Write a picture of each."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -168,6 +191,7 @@ def main() -> None:
     arguments = parser.parse_args()
     drawn = {
         'steering': draw_steering, 'blending': draw_blending, 'oscillators': draw_oscillators,
+        'obstacles': draw_obstacles,
     }  # fmt: skip
     for name, draw in drawn.items():
         path = arguments.out / f'{name}.png'

@@ -9,8 +9,10 @@ from snake_sim_ros.api.runs import (
     run as run,
     table_of as table_of,
 )
+from snake_sim_ros.controllers.compliance import ShapeCompliance as ShapeCompliance
 from snake_sim_ros.controllers.controller import Controller as Controller, Measured as Measured
 from snake_sim_ros.controllers.following import PathFollower as PathFollower
+from snake_sim_ros.controllers.obstacle_aided import ObstacleAided as ObstacleAided
 from snake_sim_ros.controllers.oscillators import (
     CentralPatternGenerator as CentralPatternGenerator,
 )

@@ -17,8 +17,10 @@ import sys
 from types import ModuleType
 from typing import Any
 
+from snake_sim_ros.controllers.compliance import ShapeCompliance
 from snake_sim_ros.controllers.controller import Controller
 from snake_sim_ros.controllers.following import PathFollower
+from snake_sim_ros.controllers.obstacle_aided import ObstacleAided
 from snake_sim_ros.controllers.oscillators import CentralPatternGenerator
 from snake_sim_ros.controllers.partitioning import PartitionedGait
 from snake_sim_ros.scene.checked_records import cut, LONGEST_REASON, nearest, ParameterError
@@ -28,6 +30,8 @@ GAIT = 'gait'  # the gait of the scene as it is, also where there is a path
 CONTROLLERS: dict[str, Callable[..., Controller]] = {
     'oscillators': CentralPatternGenerator,
     'partitioned_gait': PartitionedGait,
+    'compliance': ShapeCompliance,
+    'obstacle_aided': ObstacleAided,
 }
 
 

@@ -403,7 +403,7 @@ def test_example_controllers(monkeypatch, capsys, tmp_path):
     pytest.importorskip('matplotlib')
     text = example('controllers', monkeypatch, capsys, '--share', 0.1, '--out', tmp_path)
     assert len(re.findall(r'0\.\d\d m beside the end of a course of 0\.6 m\n', text)) == 2
-    for name in ('steering', 'blending', 'oscillators'):
+    for name in ('steering', 'blending', 'oscillators', 'obstacles'):
         assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
 
 

@@ -55,6 +55,8 @@ COMMANDS = [
 SHORTENED = {
     './run test': '--collect-only -q test/scene/test_gait.py',
     './run run obstacle_aided': '--duration 0.5',
+    './run run pegboard --set controller.name=compliance': '--duration 0.5',
+    './run run examples/dense_pegs.yaml --set controller.name=obstacle_aided': '--duration 0.5',
     './run view sidewinding': '--no-browser --port 0',
     './run run sidewinding --out run.npz --csv run.csv --bag run.mcap --gif run.gif': (
         '--duration 0.5'

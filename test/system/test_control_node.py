@@ -24,10 +24,12 @@ class Bent:
     period, sees_poses = 0.05, False
 
     def start(self, scene):
-        self.joints = scene.robot.link_count - 1
+        self.joints, self.tired = scene.robot.link_count - 1, None
 
     def control(self, measured, time):
-        if 1.9 < time < 2.1:
+        if self.tired is None and time > 1.9:
+            self.tired = time
+        if self.tired is not None and time < self.tired + 0.2:
             raise ArithmeticError('a joint that is tired')
         less = 0.1 * np.sign(measured.joint_angle.sum()) if time > 3 else 0.0
         bent = np.tile([0.3 - less, 0.0], (self.joints, 1))  # of what the robot measures

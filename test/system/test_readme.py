@@ -188,7 +188,7 @@ def test_what_the_commands_of_the_readme_print_is_checked():
 def test_the_table_of_controllers_has_commands_of_its_page():
     page = PAGES[1 + NAMES.index('controllers')]
     found = re.findall(r'^\| \[.+\) \| .+ \| `(.+)` \|$', page, re.MULTILINE)
-    assert len(found) == 8
+    assert len(found) == 9
     assert set(found) <= set('\n'.join(blocks('sh', [page])).splitlines())
 
 

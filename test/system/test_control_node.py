@@ -160,17 +160,21 @@ def test_robot_follows_a_path_at_50_hertz_with_20_milliseconds_of_delay(sim):
         'publish_rate:=50.0', 'follow.center:=[0.0, -1.5]', 'follow.radius:=1.5',
         'follow.period:=0.02',
     )  # fmt: skip
-    heard = len(sim.link_poses)
-    sim.advance_to(begin + 10.0)
-    assert state(sim) == 'in control'
+    heard, covered = len(sim.link_poses), 0.0
     path = PlanarPath.of(Following(center=(0.0, -1.5), radius=1.5))
-    centers = np.array(
-        [
-            np.mean([(each.position.x, each.position.y) for each in message.poses], axis=0)
-            for message in sim.link_poses[heard:]
-        ]
-    )
-    arcs, errors = path.track(centers[len(centers) // 2 :])
+    for end in (10.0, 20.0, 40.0):  # on a loaded machine commands come late
+        sim.advance_to(begin + end)
+        assert state(sim) == 'in control'
+        centers = np.array(
+            [
+                np.mean([(each.position.x, each.position.y) for each in message.poses], axis=0)
+                for message in sim.link_poses[heard:]
+            ]
+        )
+        arcs, errors = path.track(centers[len(centers) // 2 :])
+        covered = abs(arcs[-1] - arcs[0])
+        if covered > 0.3:
+            break
+    assert covered > 0.3
     rms = math.sqrt(np.mean(errors**2))
     assert rms < 0.1 * 11 * 0.14  # twice 5 % of the body length
-    assert abs(arcs[-1] - arcs[0]) > 0.2  # on a loaded machine commands come late

@@ -186,7 +186,8 @@ def test_publishers_that_were_killed_are_not_rivals(running, refused, talkers):
     said = '/joint_command has 3 publishers, /first, /second, /third: the last message counts'
     running.graph.until(lambda: running.process.count(said), said)
     wait_for_looks(running, 2)
-    assert running.process.count('publishers') == 1, running.process.output
+    # Its first message may come before the graph has it: then the two others are named before.
+    assert running.process.count(said) == 1 >= running.process.count(' 2 publishers')
 
 
 def test_two_clocks_are_told(make_graph):

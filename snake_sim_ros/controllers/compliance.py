@@ -32,8 +32,8 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Measured, Reference
-from snake_sim_ros.controllers.wide_wave import check_values, ENTRY, faded_in, wide
+from snake_sim_ros.controllers.controller import check_values, Measured, Reference
+from snake_sim_ros.controllers.wide_wave import ENTRY, faded_in, wide
 from snake_sim_ros.scene import gait as waves
 from snake_sim_ros.scene.gait import Wave
 from snake_sim_ros.scene.parameters import Array, Scene

@@ -10,10 +10,12 @@ else a robot may measure is there for controllers that ask for it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import math
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
 
 # Angles and rates (m, n-1, 2) at m times, as of `gaits.blending.Blend.reference`.
@@ -106,3 +108,10 @@ def going_on(begin: float, angle: Array, rate: Array) -> Reference:
         return angle + age * rate, np.broadcast_to(rate, (len(times), *rate.shape)).copy()
 
     return reference
+
+
+def check_values(values: dict[str, float], allowed: Callable[[float], bool], what: str) -> None:
+    """Refuse numbers that are not finite or not allowed; `what` says which numbers are."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and allowed(value)):
+            raise ParameterError(f'{name} must be {what} and finite, got {value}')

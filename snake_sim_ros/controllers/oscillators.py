@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Measured, Reference
+from snake_sim_ros.controllers.controller import check_values, Measured, Reference
 from snake_sim_ros.gaits.blending import check_limits
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import amplitudes, Gait
@@ -55,9 +55,8 @@ class CentralPatternGenerator:
     sees_poses = False
 
     def __init__(self, coupling: float = 4.0, gain: float = 8.0, period: float = 0.02) -> None:
-        for name, value in (('coupling', coupling), ('gain', gain), ('period', period)):
-            if not 0.0 < value < math.inf:
-                raise ParameterError(f'{name} must be above 0 and finite, got {value}')
+        given = {'coupling': coupling, 'gain': gain, 'period': period}
+        check_values(given, lambda value: value > 0.0, 'above 0')
         self.coupling, self.gain, self.period = coupling, gain, period
 
     def start(self, scene: Scene) -> None:

@@ -31,7 +31,7 @@ import math
 
 import numpy as np
 
-from snake_sim_ros.controllers.controller import Measured, Reference
+from snake_sim_ros.controllers.controller import check_values, Measured, Reference
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import soft_start, Wave
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -82,9 +82,7 @@ class PartitionedGait:
         period: float = 0.05,
     ) -> None:
         given = {'height': height, 'clearance': clearance, 'bend': bend, 'period': period}
-        for name, value in given.items():
-            if not 0.0 < value < math.inf:
-                raise ParameterError(f'{name} must be above 0 and finite, got {value}')
+        check_values(given, lambda value: value > 0.0, 'above 0')
         for name, value in (('face', face), ('direction', direction)):
             if not math.isfinite(value):
                 raise ParameterError(f'{name} must be finite, got {value}')

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What controllers among obstacles share: a wider wave of yaw, and the way into it."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import math
 
@@ -13,13 +12,6 @@ from snake_sim_ros.scene.gait import Gait, soft_start
 from snake_sim_ros.scene.parameters import Array, Scene
 
 ENTRY = 1.5  # time in which a wave fades in from the posture at the start, at least [s]
-
-
-def check_values(values: dict[str, float], allowed: Callable[[float], bool], what: str) -> None:
-    """Check that finite numbers are allowed; `what` says which numbers are."""
-    for name, value in values.items():
-        if not (math.isfinite(value) and allowed(value)):
-            raise ParameterError(f'{name} must be {what} and finite, got {value}')
 
 
 def wide(scene: Scene, amplitude: float, phase_lag: float) -> Gait:

@@ -628,13 +628,6 @@ def at_axes(
 
 
 @inlined
-def gap_of_pair(capsules: Capsules, q: Array, c: int, d: int, k: int) -> float:
-    """Return the gap of contact k of two capsules of different links [m]."""
-    one, other = axis_of_capsule(capsules, q, c), axis_of_capsule(capsules, q, d)
-    return at_axes(capsules, one, other, c, d, k)[0]
-
-
-@inlined
 def on_axis(center: Three, arm: float, axis: Three) -> Three:
     """Return the point of an axis that is beside a center by an arm [m]."""
     return center[0] + arm * axis[0], center[1] + arm * axis[1], center[2] + arm * axis[2]
@@ -689,9 +682,10 @@ def penetration(obstacles: Obstacles | None, robot: Mechanism, q: Array) -> floa
                 gap = gap_to_peg(obstacles.pegs, robot.capsules, middle, axis, c, k)
                 lowest = min(lowest, gap)
     for p in range(obstacles.pair_count):
+        c, d = obstacles.pairs[p, 0], obstacles.pairs[p, 1]
+        one, other = axis_of_capsule(robot.capsules, q, c), axis_of_capsule(robot.capsules, q, d)
         for k in range(OF_PAIR):
-            c, d = obstacles.pairs[p, 0], obstacles.pairs[p, 1]
-            lowest = min(lowest, gap_of_pair(robot.capsules, q, c, d, k))
+            lowest = min(lowest, at_axes(robot.capsules, one, other, c, d, k)[0])
     return -lowest
 
 
@@ -793,7 +787,9 @@ def gap_at(
         return sphere_height(spheres, q, a)
     if a >= obstacles.first_pair:
         p, k = divmod(a - obstacles.first_pair, OF_PAIR)
-        return gap_of_pair(robot.capsules, q, obstacles.pairs[p, 0], obstacles.pairs[p, 1], k)
+        c, d = obstacles.pairs[p, 0], obstacles.pairs[p, 1]
+        one, other = axis_of_capsule(robot.capsules, q, c), axis_of_capsule(robot.capsules, q, d)
+        return at_axes(robot.capsules, one, other, c, d, k)[0]
     if a >= obstacles.first_peg:
         k, c = divmod(a - obstacles.first_peg, len(robot.capsules.link))
         middle, axis = from_above(robot.capsules, q, c)

@@ -17,13 +17,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros import load_scene, run, Scene
+from snake_sim_ros.controllers.wide_wave import AMPLITUDE, PHASE_LAG
 
 SEEDS = range(10)
 BOX = (-4.0, -1.25), (1.0, 1.25)  # corners [m]
 TRIED = 4000  # places
 RADIUS = 0.03  # of a peg [m]
 BESIDE = 0.11, 0.83  # half width and half length of what the robot takes at its start [m]
-WIDE = {'amplitude': 0.77, 'phase_lag': -0.63}  # the wave that both controllers have at rest
+WIDE = {'amplitude': AMPLITUDE, 'phase_lag': -PHASE_LAG}  # the wave of both controllers at rest
 
 
 class Kind(NamedTuple):

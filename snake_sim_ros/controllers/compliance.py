@@ -33,7 +33,7 @@ import math
 import numpy as np
 
 from snake_sim_ros.controllers.controller import check_values, Measured, Reference
-from snake_sim_ros.controllers.wide_wave import ENTRY, faded_in, wide
+from snake_sim_ros.controllers.wide_wave import AMPLITUDE, ENTRY, faded_in, PHASE_LAG, wide
 from snake_sim_ros.scene import gait as waves
 from snake_sim_ros.scene.gait import Wave
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -66,8 +66,8 @@ class ShapeCompliance:
 
     def __init__(
         self,
-        amplitude: float = 0.77,
-        phase_lag: float = 0.63,
+        amplitude: float = AMPLITUDE,
+        phase_lag: float = PHASE_LAG,
         stiffness: float = 10.0,
         damping: float = 1.0,
         threshold: float = 4.0,

@@ -30,7 +30,7 @@ from dataclasses import replace
 import numpy as np
 
 from snake_sim_ros.controllers.controller import check_values, Measured, Reference
-from snake_sim_ros.controllers.wide_wave import ENTRY, faded_in, wide
+from snake_sim_ros.controllers.wide_wave import AMPLITUDE, ENTRY, faded_in, PHASE_LAG, wide
 from snake_sim_ros.scene import gait as waves
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Wave
@@ -74,8 +74,8 @@ class ObstacleAided:
 
     def __init__(
         self,
-        amplitude: float = 0.77,
-        phase_lag: float = 0.63,
+        amplitude: float = AMPLITUDE,
+        phase_lag: float = PHASE_LAG,
         push: float = 60.0,
         growth: float = 1.0,
         press: float = 0.01,

@@ -11,6 +11,7 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait, soft_start
 from snake_sim_ros.scene.parameters import Array, Scene
 
+AMPLITUDE, PHASE_LAG = 0.77, 0.63  # of the wide wave, by default [rad]
 ENTRY = 1.5  # time in which a wave fades in from the posture at the start, at least [s]
 
 

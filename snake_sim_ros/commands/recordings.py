@@ -5,10 +5,11 @@
 import argparse
 from dataclasses import replace
 import json
+import os
 from pathlib import Path
 from typing import Any
 
-from snake_sim_ros.nodes.programs import missing_ros
+from snake_sim_ros.nodes.programs import handled, missing_ros
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
 
 # ---- record -------------------------------------------------------------------------------------
@@ -25,7 +26,9 @@ def _record(options: argparse.Namespace) -> int:
     if options.file.suffix != '.mcap':
         raise ParameterError(f'the file of a bag must end in .mcap, got {options.file}')
     try:
-        from snake_sim_ros.nodes.tools.topic_recorder import record_topics
+        # An exception of a handler may be lost in an import.
+        with handled(lambda *_: os._exit(130)):
+            from snake_sim_ros.nodes.tools.topic_recorder import record_topics
     except ImportError as error:
         raise ParameterError(
             f'record needs ROS 2 and mcap ({error}): source a ROS 2 installation, or ./run '

@@ -24,15 +24,22 @@ def on_signals(handler: Callable[[int, FrameType | None], None]) -> None:
 
 
 @contextmanager
-def interruptible() -> Iterator[Event]:
-    """Yield an event that SIGINT and SIGTERM set; an exception would disrupt the middleware."""
-    stop = Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in SIGNALS}
+def handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Let a function handle the signals for a while."""
+    before = {number: signal.signal(number, handler) for number in SIGNALS}
     try:
-        yield stop
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Yield an event that the signals set; an exception would disrupt the middleware."""
+    stop = Event()
+    with handled(lambda *_: stop.set()):
+        yield stop
 
 
 def missing_ros(what: str, command: str, error: ImportError) -> Exception:

@@ -417,18 +417,18 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
 
     """
     t = np.asarray(time, dtype=float)[..., None]
-    fade, joint = soft_start(t, gait.soft_start), np.arange(joint_count)
+    fade = soft_start(t, gait.soft_start) if t.min(initial=math.inf) < gait.soft_start else None
     angle, rate = np.zeros((2, *t.shape[:-1], joint_count, 2))
     for axis, numbers in enumerate((gait.yaw, gait.pitch)):
         if numbers.amplitude != 0.0 or numbers.offset != 0.0:
-            each = amplitudes(numbers, joint_count), numbers.angular_frequency, numbers.phase_lag
-            numbers_of_wave = *each, numbers.phase, numbers.offset
-            angle[..., axis], rate[..., axis] = wave(numbers_of_wave, fade, t, joint)
+            angle[..., axis], rate[..., axis] = wave(numbers, fade, t, joint_count)
     if gait.table:
-        s, s_dot = (value[..., None] for value in fade)
-        angle_of_table, rate_of_table = gait.table.reference(t[..., 0])
-        angle += s * angle_of_table
-        rate += s * rate_of_table + s_dot * angle_of_table
+        of_table, rate_of_table = gait.table.reference(t[..., 0])
+        if fade:
+            s, s_dot = (value[..., None] for value in fade)
+            of_table, rate_of_table = s * of_table, s * rate_of_table + s_dot * of_table
+        angle += of_table
+        rate += rate_of_table
     return angle, rate
 
 
@@ -454,28 +454,37 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
 
 
 def wave(
-    numbers: tuple[Any, ...], fade: tuple[Array, Array], t: Array, joint: Array
+    numbers: Wave, fade: tuple[Array, Array] | None, t: Array, joint_count: int
 ) -> tuple[Array, Array]:
     """
     Return angle [rad] and rate [rad/s] of one wave that fades in.
 
     Parameters
     ----------
-    numbers : tuple of float
-        The values of a `parameters.Wave`.
-    fade : tuple of ndarray
-        As `soft_start` returns it.
-    t : ndarray
+    numbers : Wave
+    fade : tuple of ndarray or None
+        As `soft_start` returns it, None without one.
+    t : ndarray, shape (..., 1)
         Time since the gait began [s].
-    joint : ndarray
-        Number of the joint, from 0.
+    joint_count : int
+        Number of cardan joints, n-1.
 
     """
-    amplitude, angular_frequency, phase_lag, phase, offset = numbers
-    s, s_dot = fade
+    omega = numbers.angular_frequency
     # sin and cos of a sum: of each time and of each joint once, not of all pairs.
-    sine, cosine = np.sin(angular_frequency * t + phase), np.cos(angular_frequency * t + phase)
-    s_joint, c_joint = amplitude * np.sin(joint * phase_lag), amplitude * np.cos(joint * phase_lag)
-    angle = sine * c_joint + (cosine * s_joint + offset)
-    rate = (s * angular_frequency * cosine) * c_joint - (s * angular_frequency * sine) * s_joint
+    carrier = omega * t + numbers.phase
+    sine, cosine = np.sin(carrier), np.cos(carrier)
+    s_joint, c_joint = _along_robot(numbers, joint_count)
+    angle = sine * c_joint + (cosine * s_joint + numbers.offset)
+    if not fade:
+        return angle, (omega * cosine) * c_joint - (omega * sine) * s_joint
+    s, s_dot = fade
+    rate = (s * omega * cosine) * c_joint - (s * omega * sine) * s_joint
     return s * angle, rate + s_dot * angle
+
+
+@lru_cache(maxsize=8)
+def _along_robot(wave: Wave, joint_count: int) -> tuple[Array, Array]:
+    """Return A_i sin((i - 1) delta) and A_i cos((i - 1) delta) of every joint, (n-1,) [rad]."""
+    lag, A = np.arange(joint_count) * wave.phase_lag, amplitudes(wave, joint_count)
+    return A * np.sin(lag), A * np.cos(lag)

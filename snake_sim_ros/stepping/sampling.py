@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 import time
-from typing import NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from snake_sim_ros.controllers.controller import Controller, Measured, Reference, sees
 from snake_sim_ros.controllers.named import controller_of
 from snake_sim_ros.dynamics import kinematics
+from snake_sim_ros.dynamics.records import Block, BoundCall
 from snake_sim_ros.scene.parameters import Array, Robot, Scene, steps_in
 from snake_sim_ros.stepping.base import Report
 from snake_sim_ros.stepping.contact_forces import last_span, sampled_forces
@@ -127,11 +128,40 @@ def joint_motion(robot: Robot, q: Array, u: Array) -> tuple[Array, Array]:
         (yaw, pitch) [rad], [rad/s].
 
     """
-    (m, n, _), R, places = q.shape, np.empty((q.shape[1], 3, 3)), robot.chain.places
-    coordinate, frames = np.empty((m, n - 1, 2, 2)), kinematics.make_joint_frames(places, R)
-    kinematics.joint_motions(places, (q, u), R, np.empty((n, 3)), frames, coordinate)
-    if not places.complete:
-        coordinate *= places.present[..., None]
+    arguments = _arguments(robot, q, u)
+    kinematics.joint_motions(*arguments)
+    return _found(robot, arguments[-1])
+
+
+class JointReader:
+    """Reads the joints of a robot as `joint_motion` does, in one state after the other."""
+
+    def __init__(self, robot: Robot) -> None:
+        n, self.robot = robot.link_count, robot
+        self._q, self._u = np.empty((1, n, 7)), np.empty((1, n, 6))
+        arguments = _arguments(robot, self._q, self._u)
+        self._coordinate = arguments[-1]
+        self._call = BoundCall(kinematics.joint_motions, *map(Block, arguments))
+
+    def read(self, q: Array, u: Array) -> tuple[Array, Array]:
+        """Return angles [rad] and rates [rad/s] of the joints in a state, (n-1, 2)."""
+        self._q[0], self._u[0] = q, u
+        self._call()
+        angle, rate = _found(self.robot, self._coordinate[0])
+        return angle.copy(), rate.copy()
+
+
+def _arguments(robot: Robot, q: Array, u: Array) -> tuple[Any, ...]:
+    """Return the arguments of `kinematics.joint_motions`, the last of which is filled."""
+    n, places, R = robot.link_count, robot.chain.places, np.empty((robot.link_count, 3, 3))
+    frames, coordinate = kinematics.make_joint_frames(places, R), np.empty((len(q), n - 1, 2, 2))
+    return places, (q, u), R, np.empty((n, 3)), frames, coordinate
+
+
+def _found(robot: Robot, coordinate: Array) -> tuple[Array, Array]:
+    """Return angles and rates, 0 for axes that a joint does not have."""
+    if not robot.chain.places.complete:
+        coordinate *= robot.chain.places.present[..., None]
     return coordinate[..., 0], coordinate[..., 1]
 
 

@@ -32,8 +32,8 @@ from snake_sim_ros.stepping.sampling import (
     command_of_scene,
     Ended,
     Hooks,
-    joint_motion,
     joint_rows,
+    JointReader,
     Keep,
     Limits,
     NO_HOOKS,
@@ -200,6 +200,7 @@ class Simulation:
         self.step_count, self.gait, self.pushes = 0, GaitAhead(scene), Pushes(scene)
         self.budget = IterationBudget()
         self._in_place: StepsInPlace | None = None
+        self._joints: JointReader | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -222,7 +223,7 @@ class Simulation:
         """
         begin = time.perf_counter()
         # First what is around the loop: another process may compile a part of that meanwhile.
-        joint_motion(self.scene.robot, self.state.q[None], self.state.u[None])
+        self.joint_motion()
         if not self.given:
             contact_forces(self.scene, self.state, self.history)
             if self.scene.world:
@@ -328,8 +329,10 @@ class Simulation:
     def joint_motion(self) -> tuple[Array, Array]:
         """Return `joint_angle` and `joint_velocity` for the work of one of them."""
         robot, state = self.scene.robot, self.state
-        angle, rate = joint_motion(robot, state.q[None], state.u[None])
-        return robot.by_axis(angle[0]), robot.by_axis(rate[0])
+        if not self._joints or self._joints.robot is not robot:
+            self._joints = JointReader(robot)
+        angle, rate = self._joints.read(state.q, state.u)
+        return robot.by_axis(angle), robot.by_axis(rate)
 
     def midpoints(self, steps: int) -> Array:
         """Return the times at the middle of the next steps, shape (steps,) [s]."""

@@ -131,6 +131,7 @@ def taken(name: str, count: int) -> Iterator[Step]:
 
 def tick_seconds() -> float:
     """Return the time between two counts of the processor's counter [s]."""
+    cycle_counter()  # the first call compiles it
     begin, ticks = time.perf_counter(), cycle_counter()
     time.sleep(0.1)
     return (time.perf_counter() - begin) / max(1, cycle_counter() - ticks)

@@ -73,6 +73,12 @@ class Pieces(NamedTuple):
             cross = np.where(is_beyond, side / length, cross)
         return Place(self.arc[here] + s * length, cross, direction, curvature)
 
+    def part(self, first: int, last: int) -> 'Pieces':
+        """Return the pieces of a path from the first one up to, without, the last one."""
+        ends = slice(first, last + 1)
+        begin, way, length = (array[first:last] for array in self[:3])
+        return Pieces(begin, way, length, self.arc[ends], self.direction[ends])
+
     def ahead(self, arc: Array) -> Array:
         """Return the directions at arc lengths (...) of open paths, (...) [rad]."""
         inside = np.clip(arc, 0.0, self.arc[..., -1])
@@ -115,6 +121,11 @@ class PlanarPath:
         """The straight pieces between the points."""
         way, length = np.diff(self.points, axis=0), np.diff(self.arc)
         return Pieces(self.points[:-1], way, length, self.arc, self.direction)
+
+    @cached_property
+    def _longest(self) -> float:
+        """Length of the longest piece [m]."""
+        return float(self.pieces.length.max())
 
     @classmethod
     def of(cls, following: Following) -> 'PlanarPath':
@@ -224,8 +235,13 @@ class PlanarPath:
 
         """
         at = None if arc is None else np.asarray(arc, dtype=float)
-        found = self.pieces.nearest(np.asarray(point, dtype=float), at, self.closed)
-        return Place(*map(float, found))
+        pieces, closed = self.pieces, self.closed
+        if arc is not None:
+            reach = SEARCH + 2.0 * self._longest
+            first, last = np.searchsorted(self.arc, (arc - reach, arc + reach))
+            if 0 < first < last < len(self.arc):  # inside of the path: its ends do not matter
+                pieces, closed = pieces.part(int(first) - 1, int(last)), True
+        return Place(*map(float, pieces.nearest(np.asarray(point, dtype=float), at, closed)))
 
 
 @lru_cache(maxsize=16)

@@ -19,6 +19,7 @@ way: the posture is one more term of the sum, with the first weight, and has no 
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -167,27 +168,43 @@ class Blend:
 
         """
         t = np.asarray(time, dtype=float)[..., None]
-        age = t - self.begins
+        age, begins = t - self.begins, len(self.begins)
         s, s_dot = soft_start(age, self.duration)
-        entered, entered_dot = soft_start(t, self.entry)
-        weight, weight_dot = _weights(s, entered), _weights(s_dot, entered_dot)
         # The integral of s is T (x^3 - x^4/2) up to x = age/T = 1, then age - T/2.
-        x = np.clip(age / self.duration, 0.0, 1.0)
-        area = self.duration * x**3 * (1.0 - x / 2.0) + np.maximum(age - self.duration, 0.0)
-        phase = self.phase + self.frequency[0] * t + area @ np.diff(self.frequency, axis=0)
-        carrier = np.exp(1j * phase)[..., None, :]
-        omega = (_weights(s, 1.0) @ self.frequency)[..., None, :]
-        z, z_dot = (np.tensordot(w, self.amplitude, 1) for w in (weight, weight_dot))
-        angle = (z * carrier).imag + (weight @ self.offset)[..., None, :]
-        rate = ((z_dot + 1j * omega * z) * carrier).imag
-        rate += (weight_dot @ self.offset)[..., None, :]
-        for k, table in enumerate(self.tables):
-            if table:
-                w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
-                of_table, rate_of_table = table.reference(t[..., 0])
-                angle, rate = angle + w * of_table, rate + w * rate_of_table + w_dot * of_table
-        fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
-        angle, rate = fade * angle, fade * rate + fade_dot * angle
+        x = np.minimum(np.maximum(age / self.duration, 0.0), 1.0)
+        area = self.duration * x * x * x * (1.0 - x / 2.0) + np.maximum(age - self.duration, 0.0)
+        changes = self.frequency[1:] - self.frequency[:-1]
+        phase = self.phase + self.frequency[0] * t + area @ changes
+        omega = (self.frequency[0] + s @ changes)[..., None]
+        # z and psi change from each gait to the next one, by the progress s of each change. Axes
+        # come before joints: what all joints share is then one number for many.
+        numbers = np.empty((begins + 1, 4 * self.joint_count + 2))
+        by_axis = np.ascontiguousarray(self.amplitude.swapaxes(1, 2))
+        numbers[:, :-2] = by_axis.reshape(begins + 1, -1).view(float)
+        numbers[:, -2:] = self.offset
+        changes, now = numbers[1:] - numbers[:-1], numbers[0]
+        change = s_dot @ changes
+        if self.entry:
+            entered, entered_dot = soft_start(t, self.entry)
+            now, change = entered * now, entered_dot * now + change
+        now = now + s @ changes
+        shape = *t.shape[:-1], 2, self.joint_count
+        z, z_dot = (part[..., :-2].view(complex).reshape(shape) for part in (now, change))
+        carrier = np.exp(1j * phase)[..., None]
+        angle = (z * carrier).imag + now[..., -2:, None]
+        rate = ((z_dot + 1j * omega * z) * carrier).imag + change[..., -2:, None]
+        angle, rate = (np.ascontiguousarray(each.swapaxes(-1, -2)) for each in (angle, rate))
+        if any(self.tables):
+            first, first_dot = (entered, entered_dot) if self.entry else (1.0, 0.0)
+            weight, weight_dot = _weights(s, first), _weights(s_dot, first_dot)
+            for k, table in enumerate(self.tables):
+                if table:
+                    w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
+                    of_table, rate_of_table = table.reference(t[..., 0])
+                    angle, rate = angle + w * of_table, rate + w * rate_of_table + w_dot * of_table
+        if t.min(initial=math.inf) < self.fade_in:
+            fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
+            angle, rate = fade * angle, fade * rate + fade_dot * angle
         if self.entry:
             angle += (1.0 - entered)[..., None] * self.posture
             rate -= entered_dot[..., None] * self.posture
@@ -333,12 +350,17 @@ def _offset(gait: Gait) -> Array:
 
 def _amplitude(gait: Gait, joint_count: int, shift: float) -> Array:
     """Return z of every joint, with the pitch wave shifted by an angle, shape (n-1, 2)."""
-    joint = np.arange(joint_count)
-    yaw, pitch = (
-        amplitudes(wave, joint_count) * np.exp(1j * (joint * wave.phase_lag + wave.phase + angle))
-        for wave, angle in ((gait.yaw, 0.0), (gait.pitch, shift))
-    )
-    return np.column_stack([yaw, pitch])
+    still = {'angular_frequency': 0.0, 'offset': 0.0}  # z is that of any frequency and offset
+    yaw, pitch = replace(gait.yaw, **still), replace(gait.pitch, **still)
+    return np.column_stack([_turned(yaw, 0.0, joint_count), _turned(pitch, shift, joint_count)])
+
+
+@lru_cache(maxsize=8)
+def _turned(wave: Wave, angle: float, joint_count: int) -> Array:
+    """Return z of every joint for one wave that is shifted by an angle, shape (n-1,)."""
+    turn = np.arange(joint_count) * wave.phase_lag + wave.phase + angle
+    z: Array = amplitudes(wave, joint_count) * np.exp(1j * turn)
+    return z
 
 
 def _weights(s: Array, first: float | Array) -> Array:

@@ -64,6 +64,17 @@ def test_where_a_path_crosses_itself_the_way_goes_on():
     assert (np.diff(arcs) > 0.0).all()
 
 
+@pytest.mark.parametrize('closed', [False, True])
+def test_what_is_far_along_the_path_need_not_be_looked_at(closed):
+    rng = np.random.default_rng(3)
+    path = PlanarPath.spline(rng.normal(0.0, 1.5, (7, 2)), closed=closed)
+    for arc in rng.uniform(-0.5, path.length + 0.5, 200):
+        k = min(max(np.searchsorted(path.arc, arc), 0), len(path.points) - 1)
+        point = path.points[k] + rng.normal(0.0, 0.2, 2)
+        everywhere = path.pieces.nearest(point, np.asarray(arc), closed)
+        assert path.nearest(point, arc) == tuple(map(float, everywhere))
+
+
 def test_a_spline_has_the_curvature_of_its_curve():
     # Points of a circle: the spline is off by the fourth power of their distance.
     s = np.linspace(0.0, 2 * math.pi, 80)[:-1]

@@ -168,40 +168,32 @@ class Blend:
 
         """
         t = np.asarray(time, dtype=float)[..., None]
-        age, begins = t - self.begins, len(self.begins)
+        age, m = t - self.begins, len(self.begins)
         s, s_dot = soft_start(age, self.duration)
+        entered, entered_dot = soft_start(t, self.entry)
+        weight, weight_dot = _weights(s, entered), _weights(s_dot, entered_dot)
         # The integral of s is T (x^3 - x^4/2) up to x = age/T = 1, then age - T/2.
         x = np.minimum(np.maximum(age / self.duration, 0.0), 1.0)
         area = self.duration * x * x * x * (1.0 - x / 2.0) + np.maximum(age - self.duration, 0.0)
         changes = self.frequency[1:] - self.frequency[:-1]
         phase = self.phase + self.frequency[0] * t + area @ changes
         omega = (self.frequency[0] + s @ changes)[..., None]
-        # z and psi change from each gait to the next one, by the progress s of each change. Axes
-        # come before joints: what all joints share is then one number for many.
-        numbers = np.empty((begins + 1, 4 * self.joint_count + 2))
+        # Axes come before joints: what all joints share is then one number for many.
+        numbers = np.empty((m + 1, 4 * self.joint_count + 2))
         by_axis = np.ascontiguousarray(self.amplitude.swapaxes(1, 2))
-        numbers[:, :-2] = by_axis.reshape(begins + 1, -1).view(float)
-        numbers[:, -2:] = self.offset
-        changes, now = numbers[1:] - numbers[:-1], numbers[0]
-        change = s_dot @ changes
-        if self.entry:
-            entered, entered_dot = soft_start(t, self.entry)
-            now, change = entered * now, entered_dot * now + change
-        now = now + s @ changes
+        numbers[:, :-2], numbers[:, -2:] = by_axis.reshape(m + 1, -1).view(float), self.offset
+        now, change = weight @ numbers, weight_dot @ numbers
         shape = *t.shape[:-1], 2, self.joint_count
         z, z_dot = (part[..., :-2].view(complex).reshape(shape) for part in (now, change))
         carrier = np.exp(1j * phase)[..., None]
         angle = (z * carrier).imag + now[..., -2:, None]
         rate = ((z_dot + 1j * omega * z) * carrier).imag + change[..., -2:, None]
         angle, rate = (np.ascontiguousarray(each.swapaxes(-1, -2)) for each in (angle, rate))
-        if any(self.tables):
-            first, first_dot = (entered, entered_dot) if self.entry else (1.0, 0.0)
-            weight, weight_dot = _weights(s, first), _weights(s_dot, first_dot)
-            for k, table in enumerate(self.tables):
-                if table:
-                    w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
-                    of_table, rate_of_table = table.reference(t[..., 0])
-                    angle, rate = angle + w * of_table, rate + w * rate_of_table + w_dot * of_table
+        for k, table in enumerate(self.tables):
+            if table:
+                w, w_dot = weight[..., k, None, None], weight_dot[..., k, None, None]
+                of_table, rate_of_table = table.reference(t[..., 0])
+                angle, rate = angle + w * of_table, rate + w * rate_of_table + w_dot * of_table
         if t.min(initial=math.inf) < self.fade_in:
             fade, fade_dot = (value[..., None] for value in soft_start(t, self.fade_in))
             angle, rate = fade * angle, fade * rate + fade_dot * angle
@@ -363,12 +355,15 @@ def _turned(wave: Wave, angle: float, joint_count: int) -> Array:
     return z
 
 
-def _weights(s: Array, first: float | Array) -> Array:
+def _weights(s: Array, first: Array) -> Array:
     """
     Return the weights of the gaits from the progress of the changes, shape (..., m+1).
 
     `first` is the progress into the first gait, shape (..., 1); with rates of s and `first` it
     returns those of the weights.
     """
-    edge = np.zeros((*s.shape[:-1], 1))
-    return -np.diff(np.concatenate([edge + first, s, edge], axis=-1), axis=-1)
+    weight = np.empty((*s.shape[:-1], s.shape[-1] + 1))
+    weight[..., :1] = first
+    weight[..., 1:] = s
+    weight[..., :-1] -= s
+    return weight

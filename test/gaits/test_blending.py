@@ -277,6 +277,16 @@ def test_a_wave_that_stood_still_goes_on_where_it_was():
     assert np.abs(blend.reference(60.0)[0] - expected).max() < ROUNDING
 
 
+def test_a_robot_stands_still_after_many_changes():
+    still = Gait(yaw=replace(UNDULATION.yaw, amplitude=0.0, angular_frequency=0.0))
+    blend = Blend.of(UNDULATION, JOINTS, 1.0)
+    for k in range(7):
+        bent = replace(UNDULATION, yaw=replace(UNDULATION.yaw, offset=0.013 * k))
+        blend = blend.changed(5.0 + 0.1 * k, bent)
+    angle, rate = blend.changed(5.9, still).reference(np.linspace(6.9, 8.0, 30))
+    assert not angle.any() and not rate.any()
+
+
 def test_a_soft_start_goes_on_through_a_change():
     blend = Blend.of(SIDEWINDING, JOINTS, 1.0).changed(1.0, UNDULATION)
     s, s_dot = gait.soft_start(np.array(3.0), SIDEWINDING.soft_start)

@@ -18,15 +18,18 @@ however small the gap is.
 """
 
 import math
+from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate
 from snake_sim_ros.contact.linear_problem import Operator, solve_linear
 from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.shapes import outer, size_of, triple
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.free_chain import unfold_free
 from snake_sim_ros.dynamics.joint_drift import turn_link
+from snake_sim_ros.scene.chain import JointPlaces
 from snake_sim_ros.scene.parameters import Array
 
 # A contact counts as closed up to the way that this acceleration, a fourth of gravity, makes in a
@@ -40,6 +43,7 @@ ROUNDING = 1e-13  # of a gap [m]
 MOST_CLOSED = 1e-2  # [m]
 CLOSING_SPEED = 1.0  # [m/s]
 DEEP = 1e-6  # penetration at the start of a step, beyond its own motion, that is not undone [m]
+FAR = 5.0  # gaps: other moves go up to 3.3 times as far, see docs/reliability.md
 MOST_RELEASES = 3  # times that such a move is computed anew without contacts that it pulls
 MOST_MOVES = 2  # moves of the configuration in a step of the paper that close gaps
 GAP_GROWTH = 2.0  # of the largest gap or penetration by such a move, which is else taken back
@@ -195,21 +199,47 @@ def gaps_to_close(
     return to_close, worst
 
 
-@inlined
-def let_go(closed: Array, contacts: Contacts, pairs: Delassus | None) -> bool:
-    """
-    Unmark the contacts without load that a move would pull onto an obstacle; return if any are.
+class Move(NamedTuple):
+    """A move of the configuration that closes gaps."""
 
-    The contacts are those of `close_gaps`. A penetration is an inequality: such contacts open
-    as others close. To close both would take a long way sideways where normals are nearly
-    parallel; on a flat floor, where `pairs` is None, all are the same.
+    places: JointPlaces
+    twist: Array  # (n, 6) of the links about O
+    center: Array  # (n, 3) of the links, from O [m]
+    time: float  # for which the twists move the links [s]
+    gap: float  # the largest one that it closes [m]
+
+
+@inlined
+def goes_far(move: Move) -> bool:
+    """Return whether ends of links go much farther than the gap."""
+    places, twist, far = move.places, move.twist, FAR * move.gap / move.time
+    for i in range(len(twist)):
+        omega = triple(twist, i)
+        turned = outer(omega, triple(move.center, i))
+        vx, vy, vz = twist[i, 3] + turned[0], twist[i, 4] + turned[1], twist[i, 5] + turned[2]
+        lever = max(size_of(triple(places.distal, i)), size_of(triple(places.proximal, i)))
+        if size_of((vx, vy, vz)) + lever * size_of(omega) > far:
+            return True
+    return False
+
+
+@inlined
+def let_go(closed: Array, contacts: Contacts, pairs: Delassus | None, move: Move) -> bool:
+    """
+    Unmark the contacts that a move would pull onto an obstacle; return if any are.
+
+    The contacts are those of `close_gaps`. Without load, a penetration is an inequality: such
+    contacts open as others close. To close both would take a long way sideways where normals are
+    nearly parallel; on a flat floor, where `pairs` is None, all are the same. Contacts with load
+    follow the obstacle, unless the move goes far, see `goes_far`: they then keep their gaps.
     """
     if pairs is None:
         return False
-    solution, newton, found = contacts.solution, contacts.newton, False
+    solution, newton, far, found = contacts.solution, contacts.newton, goes_far(move), False
     for a in closed:
         is_marked = newton.S_N[a] > 0.0
-        pulls = is_marked and solution.is_loaded[a] == 0 and solution.impulse[a, 0] < 0.0
+        may_open = far or solution.is_loaded[a] == 0
+        pulls = is_marked and may_open and solution.impulse[a, 0] < 0.0
         newton.S_N[a] = 1.0 if is_marked and not pulls else 0.0
         found = found or pulls
     return found

@@ -34,6 +34,7 @@ from snake_sim_ros.contact.closing import (
     most_closed,
     MOST_MOVES,
     MOST_RELEASES,
+    Move,
     move_links,
     NONE,
     predict_gaps,
@@ -269,7 +270,8 @@ def close_step(model: Model, work: Workspace, problem: Problem, q: Array) -> flo
         copy_rows(q, q_before, 7)
         for _ in range(MOST_RELEASES + 1):
             close_on_links(problem, 1.0)
-            if not let_go(closed, contacts, problem.pairs):
+            way = Move(robot.places, work.chain.twist, work.center, 1.0, to_close)
+            if not let_go(closed, contacts, problem.pairs, way):
                 break
         move_links(work.chain.twist, work.center, q)
         close_joints(model.drift_correction, robot.places, robot.mass, work.axes.furthest, q)

@@ -50,6 +50,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from oracle.closing import goes_far, levers
 from oracle.contact_laws import (
     falling,
     selection_center,
@@ -421,15 +422,17 @@ def closing_velocities(
     """
     Return the velocities (n, 6) that close gaps (k,) of a mask within a time h_q, eq. (x).
 
-    Contacts without load that they would pull are left out, unless the floor is flat. Normal
+    Contacts that they would pull are left out as in `closing.Closing.moves`. Normal
     directions W_N may depend on each other: a little compliance leaves the smallest impulses. The
     compiled step has one for few contacts and one for many.
     """
+    largest, lever = np.abs(gap[closes]).max(), levers(scene.robot)
     for _ in range(1 if obstacles.is_flat(scene) else MOST_RELEASES + 1):
         u, nu = _closing(scene, terms, contacts.W[:, closes, 0], gap[closes], h_q, few)
+        far = goes_far(lever, h_q * u[:, :3], h_q * u[:, 3:], largest)
         pulls = np.zeros_like(closes)
         pulls[closes] = nu < 0.0
-        closes = closes & (contacts.loaded | ~pulls)
+        closes = closes & ((contacts.loaded & ~far) | ~pulls)
     return u
 
 

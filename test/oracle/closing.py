@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from oracle.joint_drift import without_drift
-from snake_sim_ros import Scene
+from snake_sim_ros import Robot, Scene
 from snake_sim_ros.contact.closing import (
     closed_gap,
+    FAR,
     GAP_GROWTH,
     left_gap,
     most_closed,
@@ -30,19 +31,23 @@ class Closing(NamedTuple):
     M_inv: Array  # (6n, 6n)
     R: Array  # (n, 3, 3) link frames in I
     compliance: float  # [1/kg]
+    lever: Array  # (n,) largest distance of the joints of each link from its center [m]
     is_flat: bool  # whether there is nothing but a flat floor
 
     def moves(self, closes: Array, gap: Array, loaded: Array) -> tuple[Array, Array]:
         """
         Return the moves (n, 3) [m] and turns in I (n, 3) [rad] that close gaps of a mask.
 
-        Contacts without load that they would pull are left out, unless the floor is flat.
+        Contacts that they would pull are left out if they have no load, or if the moves are FAR,
+        unless the floor is flat.
         """
+        largest = np.abs(gap[closes]).max()
         for _ in range(1 if self.is_flat else MOST_RELEASES + 1):
             move, P = self._move(closes, gap)
+            far = goes_far(self.lever, move[:, :3], move[:, 3:], largest)
             pulls = np.zeros_like(closes)
             pulls[closes] = P < 0.0
-            closes = closes & (loaded | ~pulls)
+            closes = closes & ((loaded & ~far) | ~pulls)
         return move[:, :3], np.einsum('ijk,ik->ij', self.R, move[:, 3:])
 
     def _move(self, closes: Array, gap: Array) -> tuple[Array, Array]:
@@ -53,6 +58,18 @@ class Closing(NamedTuple):
         G = self.W_N[:, closes].T @ response + self.compliance * np.eye(closes.sum())
         P = np.linalg.solve(G, -gap[closes])
         return (response @ P).reshape(-1, 6), P
+
+
+def goes_far(lever: Array, move: Array, turn: Array, gap: float) -> np.bool_:
+    """Return whether moves and turns (n, 3) of links are FAR for the largest gap they close."""
+    way = np.linalg.norm(move, axis=1) + lever * np.linalg.norm(turn, axis=1)
+    return np.bool_(way.max() > FAR * gap)
+
+
+def levers(robot: Robot) -> Array:
+    """Return the largest distance of the joints of each link from its center, (n,) [m]."""
+    places = robot.chain.places
+    return np.linalg.norm([places.distal, places.proximal], axis=2).max(axis=0)
 
 
 def with_closed_gaps(

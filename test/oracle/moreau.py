@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oracle.closing import Closing, with_closed_gaps
+from oracle.closing import Closing, levers, with_closed_gaps
 from oracle.contact_laws import (
     called_often,
     falling,
@@ -332,7 +332,7 @@ class DenseStepper:
         furthest = furthest_angles(of_joints.stop, posture.joint_angles(state.q, robot), angle_M)
         q_E = without_drift(robot, q_free, scene.drift_correction, furthest)
         closing = Closing(
-            terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size,
+            terms.W_N, terms.W_J, terms.M_inv, terms.R, PROXIMAL * self.size, levers(robot),
             obstacles.is_flat(scene),
         )  # fmt: skip
         start = terms.start_gap, terms.W_N.T @ state.u.ravel()

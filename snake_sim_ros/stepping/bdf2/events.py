@@ -25,6 +25,7 @@ from snake_sim_ros.contact.closing import (
     let_go,
     most_closed,
     MOST_RELEASES,
+    Move,
 )
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.detection import find_contacts, Found, gap_at, Pose
@@ -222,7 +223,8 @@ def place_end(
                 condense_anew(work.operator, closing)
             for _ in range(MOST_RELEASES + 1):
                 close_gaps(work.operator, closing, h_q)
-                if not let_go(closing.closed, contacts, pairs):
+                way = Move(robot.places, chain.twist, work.center, h_q, to_close)
+                if not let_go(closing.closed, contacts, pairs, way):
                     break
             keep_velocities(model.robot.places, work, move)
             add_velocities(move, own.moving)

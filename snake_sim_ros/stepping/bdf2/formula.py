@@ -18,7 +18,6 @@ from typing import NamedTuple, TYPE_CHECKING, TypeAlias
 
 from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import inlined
-from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
 
@@ -135,10 +134,13 @@ def keep_references(size: int, rate: Array, memory: TwoSteps) -> None:
 
 @inlined
 def copy_history(history: ContactHistory, to: ContactHistory) -> None:
-    """Copy impulses, velocities and changes of the contacts."""
-    copy_rows(history.impulse, to.impulse, 5)
-    copy_rows(history.velocity, to.velocity, 5)
-    copy_rows(history.change, to.change, 5)
+    """Copy impulses, velocities and changes of the contacts; all are 0 of one without load."""
+    for a in range(len(to.impulse)):
+        if history.impulse[a, 0] > 0.0 or to.impulse[a, 0] > 0.0:
+            for j in range(5):
+                to.impulse[a, j] = history.impulse[a, j]
+                to.velocity[a, j] = history.velocity[a, j]
+                to.change[a, j] = history.change[a, j]
 
 
 # ---- pushes divide steps ----

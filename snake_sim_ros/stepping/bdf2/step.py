@@ -286,9 +286,10 @@ def one_part(own: Bdf2Arrays, model: Model, work: Workspace, task: Task, steps: 
     predict_end(model, h_q, memory, own, work)
     scale = h / (span if span > 0.0 else model.dt)
     for a in range(len(history.impulse)):
-        for j in range(5):
-            history.impulse[a, j] *= scale
-        history.change[a, 0] *= scale
+        if history.impulse[a, 0] > 0.0:
+            for j in range(5):
+                history.impulse[a, j] *= scale
+            history.change[a, 0] *= scale
     terms = Terms(h, h_q, task.dt - h_q, task.most)
     problem = begin_part(model, own, work, terms, history)
     add_pushes(steps.pushes, task.stretch, h, work.R, work.center, work.chain.momentum)
@@ -315,8 +316,9 @@ def take_part(
         own.end.pose[k] = own.moving.pose[k]
     if part.found.jumps:
         for a in range(len(history.change)):
-            for j in range(5):
-                history.change[a, j] = 0.0
+            if history.impulse[a, 0] > 0.0:
+                for j in range(5):
+                    history.change[a, j] = 0.0
     keep(memory.end, memory.start)
     keep(own.end, memory.end)
     keep_state(own.q, own.end.u, steps.q, steps.u)

@@ -74,7 +74,7 @@ class Pieces(NamedTuple):
         return Place(self.arc[here] + s * length, cross, direction, curvature)
 
     def part(self, first: int, last: int) -> 'Pieces':
-        """Return the pieces of a path from the first one up to, without, the last one."""
+        """Return the pieces of a path with numbers from `first` up to `last`, without that."""
         ends = slice(first, last + 1)
         begin, way, length = (array[first:last] for array in self[:3])
         return Pieces(begin, way, length, self.arc[ends], self.direction[ends])

@@ -421,7 +421,9 @@ def reference(gait: Gait, time: float | Array, joint_count: int) -> tuple[Array,
     angle, rate = np.zeros((2, *t.shape[:-1], joint_count, 2))
     for axis, numbers in enumerate((gait.yaw, gait.pitch)):
         if numbers.amplitude != 0.0 or numbers.offset != 0.0:
-            angle[..., axis], rate[..., axis] = wave(numbers, fade, t, joint_count)
+            each = numbers.angular_frequency, numbers.phase, numbers.offset
+            along = _along_robot(numbers, joint_count)
+            angle[..., axis], rate[..., axis] = wave(each, fade, t, along)
     if gait.table:
         of_table, rate_of_table = gait.table.reference(t[..., 0])
         if fade:
@@ -454,37 +456,41 @@ def soft_start(time: Array, duration: float) -> tuple[Array, Array]:
 
 
 def wave(
-    numbers: Wave, fade: tuple[Array, Array] | None, t: Array, joint_count: int
-) -> tuple[Array, Array]:
+    numbers: tuple[float, float, float], fade: tuple[Array, Array] | None, t: Array,
+    along: tuple[Array, Array],
+) -> tuple[Array, Array]:  # fmt: skip
     """
     Return angle [rad] and rate [rad/s] of one wave that fades in.
 
     Parameters
     ----------
-    numbers : Wave
+    numbers : tuple of float
+        Angular frequency, phase and offset of a `Wave`.
     fade : tuple of ndarray or None
         As `soft_start` returns it, None without one.
-    t : ndarray, shape (..., 1)
+    t : ndarray
         Time since the gait began [s].
-    joint_count : int
-        Number of cardan joints, n-1.
+    along : tuple of ndarray
+        What `of_joint` returns for the joints.
 
     """
-    omega = numbers.angular_frequency
+    (omega, phase, offset), (s_joint, c_joint) = numbers, along
     # sin and cos of a sum: of each time and of each joint once, not of all pairs.
-    carrier = omega * t + numbers.phase
-    sine, cosine = np.sin(carrier), np.cos(carrier)
-    s_joint, c_joint = _along_robot(numbers, joint_count)
-    angle = sine * c_joint + (cosine * s_joint + numbers.offset)
-    if not fade:
+    sine, cosine = np.sin(omega * t + phase), np.cos(omega * t + phase)
+    angle = sine * c_joint + (cosine * s_joint + offset)
+    if fade is None:
         return angle, (omega * cosine) * c_joint - (omega * sine) * s_joint
     s, s_dot = fade
     rate = (s * omega * cosine) * c_joint - (s * omega * sine) * s_joint
     return s * angle, rate + s_dot * angle
 
 
+def of_joint(amplitude: Array, lag: Array) -> tuple[Array, Array]:
+    """Return A_i sin((i - 1) delta) and A_i cos((i - 1) delta) of joints with a lag [rad]."""
+    return amplitude * np.sin(lag), amplitude * np.cos(lag)
+
+
 @lru_cache(maxsize=8)
 def _along_robot(wave: Wave, joint_count: int) -> tuple[Array, Array]:
-    """Return A_i sin((i - 1) delta) and A_i cos((i - 1) delta) of every joint, (n-1,) [rad]."""
-    lag, A = np.arange(joint_count) * wave.phase_lag, amplitudes(wave, joint_count)
-    return A * np.sin(lag), A * np.cos(lag)
+    """Return the same of all joints, (n-1,)."""
+    return of_joint(amplitudes(wave, joint_count), np.arange(joint_count) * wave.phase_lag)

@@ -31,13 +31,14 @@ from snake_sim_ros.dynamics.kinematics import (
 )
 from snake_sim_ros.dynamics.spatial_vectors import row_of
 from snake_sim_ros.scene.chain import JointPlaces
-from snake_sim_ros.scene.gait import soft_start, wave
+from snake_sim_ros.scene.gait import of_joint, soft_start, wave
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.model import Model, Workspace
 
 # Of one time and one joint; the package has them for arrays of these.
 fade_at: Any = compiled(soft_start)
 wave_at: Any = compiled(wave)
+of_joint_at: Any = compiled(of_joint)
 
 # y is [center (3) and Euler parameters (4) of the middle link, joint angles (n-1, 2), its velocity
 # (3, in I) and angular velocity (3, in B), joint rates (n-1, 2), work of the joints and of the
@@ -160,8 +161,9 @@ def joint_torques(model: Model, waves: Any, t: float, y: Array, torque: Array) -
     fade = fade_at(t, waves[1])
     for j in range(len(torque)):
         for k in range(2):
-            amplitude, numbers = waves[0][k]
-            angle, rate = wave_at((amplitude[j], *numbers), fade, t, j)
+            amplitude, (omega, phase_lag, phase, offset) = waves[0][k]
+            along = of_joint_at(amplitude[j], j * phase_lag)
+            angle, rate = wave_at((omega, phase, offset), fade, t, along)
             joint_rate = y[begin + 2 * j + k]
             torque[j, k] = model.robot.stiffness[j, k] * (angle - y[ANGLES + 2 * j + k])
             torque[j, k] += model.robot.damping[j, k] * (rate - joint_rate)

@@ -19,7 +19,6 @@ way: the posture is one more term of the sum, with the first weight, and has no 
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 import math
 
 import numpy as np
@@ -342,17 +341,12 @@ def _offset(gait: Gait) -> Array:
 
 def _amplitude(gait: Gait, joint_count: int, shift: float) -> Array:
     """Return z of every joint, with the pitch wave shifted by an angle, shape (n-1, 2)."""
-    still = {'angular_frequency': 0.0, 'offset': 0.0}  # z is that of any frequency and offset
-    yaw, pitch = replace(gait.yaw, **still), replace(gait.pitch, **still)
-    return np.column_stack([_turned(yaw, 0.0, joint_count), _turned(pitch, shift, joint_count)])
-
-
-@lru_cache(maxsize=8)
-def _turned(wave: Wave, angle: float, joint_count: int) -> Array:
-    """Return z of every joint for one wave that is shifted by an angle, shape (n-1,)."""
-    turn = np.arange(joint_count) * wave.phase_lag + wave.phase + angle
-    z: Array = amplitudes(wave, joint_count) * np.exp(1j * turn)
-    return z
+    joint = np.arange(joint_count)
+    yaw, pitch = (
+        amplitudes(wave, joint_count) * np.exp(1j * (joint * wave.phase_lag + wave.phase + angle))
+        for wave, angle in ((gait.yaw, 0.0), (gait.pitch, shift))
+    )
+    return np.column_stack([yaw, pitch])
 
 
 def _weights(s: Array, first: Array) -> Array:

@@ -153,7 +153,8 @@ class JointReader:
 
 def _arguments(robot: Robot, q: Array, u: Array) -> tuple[Any, ...]:
     """Return the arguments of `kinematics.joint_motions`, the last of which is filled."""
-    n, places, R = robot.link_count, robot.chain.places, np.empty((robot.link_count, 3, 3))
+    n, places = robot.link_count, robot.chain.places
+    R = np.empty((n, 3, 3))
     frames, coordinate = kinematics.make_joint_frames(places, R), np.empty((len(q), n - 1, 2, 2))
     return places, (q, u), R, np.empty((n, 3)), frames, coordinate
 

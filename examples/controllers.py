@@ -13,7 +13,7 @@ import numpy as np
 
 from snake_sim_ros import CentralPatternGenerator, Gait, load_scene, Measured, Run, run, Scene
 from snake_sim_ros.controllers.controller import Reference
-from snake_sim_ros.gaits.blending import Blend, shortest_blend
+from snake_sim_ros.gaits.blending import Blend, usual_blend
 from snake_sim_ros.gaits.steering import Steering, Stride
 
 DENSE_PEGS = Path(__file__).with_name('dense_pegs.yaml')
@@ -31,7 +31,7 @@ class Blended:
 
     def start(self, scene: Scene) -> None:
         """Begin with the first gait."""
-        duration = max(1.0, shortest_blend(scene.robot))
+        duration = usual_blend(scene.robot)
         self.blend = Blend.of(self.changes[0][1], scene.robot.link_count - 1, duration)
 
     def control(self, measured: Measured, time: float) -> Reference:

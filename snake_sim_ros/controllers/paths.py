@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.records import entry
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.following import Following, points_of
 from snake_sim_ros.scene.parameters import Array
@@ -33,6 +35,60 @@ class Place(NamedTuple):
     curvature: Any  # positive to the left [1/m]
 
 
+@compiled
+def place_on(
+    begin: Array, way: Array, length: Array, arc: Array, direction: Array, reach: float,
+    closed: bool, point: Array, last: float, place: Array,
+) -> None:  # fmt: skip
+    """
+    Fill the `Place` (4,) that is nearest to a point, as `PlanarPath.nearest` does.
+
+    Parameters
+    ----------
+    begin, way, length, arc, direction : ndarray
+        The `Pieces` of a path.
+    reach : float
+        How far from the last place pieces may begin or end to be looked at [m].
+    closed : bool
+    point : ndarray, shape (2,)
+        [m, frame I]
+    last : float
+        Arc length of the last place, or NaN [m].
+    place : ndarray, shape (4,)
+        Filled.
+
+    """
+    count = len(length)
+    total, first, end, follows = arc[count], 0, count, not math.isnan(last)
+    if last - reach > 0.0 and last + reach < total:  # inside of the path
+        first = int(np.searchsorted(arc, last - reach)) - 1
+        end = int(np.searchsorted(arc, last + reach))
+    inside = last if closed else min(max(last, 0.0), total)
+    k, nearest, held = 0, math.inf, 0.0
+    for i in range(first, end):
+        x, y = point[0] - begin[i, 0], point[1] - begin[i, 1]
+        s = min(max((x * way[i, 0] + y * way[i, 1]) / length[i] ** 2, 0.0), 1.0)
+        away = arc[i] + s * length[i] - inside
+        if closed:
+            away -= total * np.floor(away / total + 0.5)
+        if follows and abs(away) > SEARCH + length[i]:
+            continue
+        x, y = x - s * way[i, 0], y - s * way[i, 1]
+        if x * x + y * y < nearest:
+            k, nearest, held = i, x * x + y * y, s
+    x, y = point[0] - begin[k, 0], point[1] - begin[k, 1]
+    share, side = (x * way[k, 0] + y * way[k, 1]) / length[k] ** 2, way[k, 0] * y - way[k, 1] * x
+    bend = direction[k + 1] - direction[k]
+    place[2] = direction[k] + held * bend
+    if not closed and ((k == 0 and share < 0.0) or (k == count - 1 and share > 1.0)):
+        # On the straight continuation beyond an end.
+        place[0], place[1], place[3] = arc[k] + share * length[k], side / length[k], 0.0
+    else:
+        off = math.hypot(x - held * way[k, 0], y - held * way[k, 1])
+        place[0], place[1] = arc[k] + held * length[k], math.copysign(off, side)
+        place[3] = bend / length[k]
+
+
 class Pieces(NamedTuple):
     """The straight pieces of a path or, with the same number of pieces, of several paths."""
 
@@ -42,42 +98,11 @@ class Pieces(NamedTuple):
     arc: Array  # (..., k) arc lengths of the begins, and of the end of the path [m]
     direction: Array  # (..., k) there, as in `PlanarPath` [rad]
 
-    def nearest(self, point: Array, arc: Array | None = None, closed: bool = False) -> Place:
-        """Return the places nearest to points (..., 2), as `PlanarPath.nearest` does."""
-        from_begin, total = point[..., None, :] - self.begin, self.arc[..., -1]
-        share = (from_begin * self.way).sum(axis=-1) / self.length**2
-        held = np.clip(share, 0.0, 1.0)
-        apart = from_begin - held[..., None] * self.way
-        off = np.hypot(apart[..., 0], apart[..., 1])
-        if arc is not None:
-            away = self.arc[..., :-1] + held * self.length - arc[..., None]
-            if closed:
-                away -= total[..., None] * np.round(away / total[..., None])
-            else:
-                away -= (np.minimum(np.maximum(arc, 0.0), total) - arc)[..., None]
-            off = np.where(np.abs(away) > SEARCH + self.length, math.inf, off)
-        k = off.argmin(axis=-1)
-        rows = np.indices(k.shape, sparse=True)
-        here, end = (*rows, k), (*rows, k + 1)
-        s, length, way, at = held[here], self.length[here], self.way[here], from_begin[here]
-        bend = self.direction[end] - self.direction[here]
-        direction, curvature = self.direction[here] + s * bend, bend / length
-        side = way[..., 0] * at[..., 1] - way[..., 1] * at[..., 0]
-        cross = np.copysign(off[here], side)
-        if not closed:
-            # On the straight continuation beyond an end.
-            last = off.shape[-1] - 1
-            share = share[here]
-            is_beyond = ((k == 0) & (share < 0.0)) | ((k == last) & (share > 1.0))
-            s, curvature = np.where(is_beyond, share, s), np.where(is_beyond, 0.0, curvature)
-            cross = np.where(is_beyond, side / length, cross)
-        return Place(self.arc[here] + s * length, cross, direction, curvature)
-
-    def part(self, first: int, last: int) -> 'Pieces':
-        """Return the pieces of a path with numbers from `first` up to `last`, without that."""
-        ends = slice(first, last + 1)
-        begin, way, length = (array[first:last] for array in self[:3])
-        return Pieces(begin, way, length, self.arc[ends], self.direction[ends])
+    def nearest(self, point: Array, arc: Array) -> Place:
+        """Return the places of open paths (m) nearest to points (m, 2), after others at arcs."""
+        places = np.empty((len(point), 4))
+        places_on_each(self, np.ascontiguousarray(point), np.ascontiguousarray(arc), places)
+        return Place(*places.T)
 
     def ahead(self, arc: Array) -> Array:
         """Return the directions at arc lengths (...) of open paths, (...) [rad]."""
@@ -88,6 +113,42 @@ class Pieces(NamedTuple):
         share = (inside - self.arc[here]) / self.length[here]
         begin = self.direction[here]
         return np.asarray(begin + share * (self.direction[end] - begin))
+
+
+@entry
+def places_on_each(pieces: Pieces, points: Array, last: Array, places: Array) -> None:
+    """Fill the places (m, 4) of open paths for points (m, 2), see `place_on`."""
+    for k in range(len(points)):
+        place_on(
+            pieces.begin[k], pieces.way[k], pieces.length[k], pieces.arc[k], pieces.direction[k],
+            math.inf, False, points[k], last[k], places[k],
+        )  # fmt: skip
+
+
+class Course(NamedTuple):
+    """A path as compiled functions take it."""
+
+    pieces: Pieces
+    reach: float  # see `place_on` [m]
+    closed: bool
+
+
+@compiled
+def place_on_course(course: Course, point: Array, last: float, place: Array) -> None:
+    """Fill the place (4,) for a point (2,), see `place_on`."""
+    pieces = course.pieces
+    place_on(
+        pieces.begin, pieces.way, pieces.length, pieces.arc, pieces.direction, course.reach,
+        course.closed, point, last, place,
+    )  # fmt: skip
+
+
+@entry
+def places_along(course: Course, points: Array, last: float, places: Array) -> None:
+    """Fill the places (m, 4) for points (m, 2), each after the one before; see `place_on`."""
+    for k in range(len(points)):
+        place_on_course(course, points[k], last, places[k])
+        last = places[k, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +184,10 @@ class PlanarPath:
         return Pieces(self.points[:-1], way, length, self.arc, self.direction)
 
     @cached_property
-    def _longest(self) -> float:
-        """Length of the longest piece [m]."""
-        return float(self.pieces.length.max())
+    def course(self) -> Course:
+        """The same for compiled functions."""
+        pieces = Pieces(*map(np.ascontiguousarray, self.pieces))
+        return Course(pieces, SEARCH + 2.0 * float(pieces.length.max()), self.closed)
 
     @classmethod
     def of(cls, following: Following) -> 'PlanarPath':
@@ -214,11 +276,9 @@ class PlanarPath:
             Places at times in order [m, frame I].
 
         """
-        places, arc = [], None
-        for point in points:
-            places.append(self.nearest(point, arc))
-            arc = places[-1].arc
-        arcs, errors = np.array([(place.arc, place.cross_track) for place in places]).T
+        places = np.empty((len(points), 4))
+        places_along(self.course, np.ascontiguousarray(points, dtype=float), math.nan, places)
+        arcs, errors = places[:, 0], places[:, 1]
         return np.unwrap(arcs, period=self.length) if self.closed else arcs, errors
 
     def nearest(self, point: ArrayLike, arc: float | None = None) -> Place:
@@ -234,14 +294,9 @@ class PlanarPath:
             that a path may cross itself. By default, it is looked for everywhere.
 
         """
-        at = None if arc is None else np.asarray(arc, dtype=float)
-        pieces, closed = self.pieces, self.closed
-        if arc is not None:
-            reach = SEARCH + 2.0 * self._longest
-            first, last = np.searchsorted(self.arc, (arc - reach, arc + reach))
-            if 0 < first < last < len(self.arc):  # inside of the path: its ends do not matter
-                pieces, closed = pieces.part(int(first) - 1, int(last)), True
-        return Place(*map(float, pieces.nearest(np.asarray(point, dtype=float), at, closed)))
+        points, places = np.array([point], dtype=float), np.empty((1, 4))
+        places_along(self.course, points, math.nan if arc is None else float(arc), places)
+        return Place(*places[0].tolist())
 
 
 @lru_cache(maxsize=16)

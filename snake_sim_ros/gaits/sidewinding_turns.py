@@ -79,19 +79,6 @@ def turns_of_gradients(speed: float, friction: float) -> Array:
     return np.asarray((1.0 - s) * low + s * high)
 
 
-def gradient_of_turn(turn: float, speed: float, friction: float) -> float:
-    """
-    Return the gradient that turns the robot by an angle a cycle [rad].
-
-    Beyond GRADIENTS it continues as steeply as at their ends.
-    """
-    turns = turns_of_gradients(speed, friction)[::-1]  # rises
-    k = int(np.clip(np.searchsorted(turns, turn) - 1, 0, len(turns) - 2))
-    share = (turn - turns[k]) / (turns[k + 1] - turns[k])
-    begin, end = GRADIENTS[::-1][k : k + 2]
-    return float(begin + share * (end - begin))
-
-
 def _place(values: Array, value: float) -> tuple[int, float]:
     """Return the interval of rising values that a value is in, and its share of it."""
     value = float(np.clip(value, values[0], values[-1]))

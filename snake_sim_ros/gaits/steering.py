@@ -20,12 +20,18 @@ within 10 % at 1/m. A stride belongs to the amplitudes and friction that it was 
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
+from typing import NamedTuple
 
-from snake_sim_ros.gaits.blending import largest_frequency, narrowest_limits
-from snake_sim_ros.gaits.sidewinding_turns import gradient_of_turn, is_measured
+import numpy as np
+
+from snake_sim_ros.dynamics.compilation import compiled
+from snake_sim_ros.dynamics.records import entry
+from snake_sim_ros.gaits.blending import largest_within, narrowest_limits, Waves
+from snake_sim_ros.gaits.sidewinding_turns import GRADIENTS, is_measured, turns_of_gradients
 from snake_sim_ros.scene.gait import AXES, Gait, Table, Wave
-from snake_sim_ros.scene.parameters import Friction, Robot
+from snake_sim_ros.scene.parameters import Array, Friction, Robot
 
 SLOWEST = 1e-6  # below it a wave counts as one that does not move, a cycle of 73 days [rad/s]
 STEEPEST = 0.8  # largest gradient of a steered gait
@@ -64,6 +70,182 @@ class Stride:
         return self.length * abs(gait.yaw.angular_frequency) / (2 * math.pi)
 
 
+# ---- compiled -----------------------------------------------------------------------------------
+
+
+class Steerable(NamedTuple):
+    """
+    A gait, the robot that it moves, and what a cycle of it does.
+
+    Attributes
+    ----------
+    waves : Waves
+        As they are without steering.
+    low, high, rate : ndarray, shape (2,)
+        Limits of all yaw and of all pitch joints, see `narrowest_limits` [rad], [rad/s].
+    link_length : float
+        Mean length of a link [m].
+    stride, turn : float
+        Length and turn of a `Stride` [m], [rad].
+    turns, gradients : ndarray, shape (k,)
+        Turns of a gait without a mirror [rad a cycle], rising, and the gradients that make them at
+        the speed that is asked for; none if they are not known.
+
+    """
+
+    waves: Waves
+    low: Array
+    high: Array
+    rate: Array
+    link_length: float
+    stride: float
+    turn: float
+    turns: Array
+    gradients: Array
+
+
+class Steered(NamedTuple):
+    """
+    A gait that is steered.
+
+    Attributes
+    ----------
+    waves : Waves
+        Filled.
+    wanted : ndarray, shape (1,)
+        The offset [rad] or the gradient that the turning rate needs.
+    largest : ndarray, shape (1,)
+        The largest angular frequency of a cycle [rad/s].
+
+    """
+
+    waves: Waves
+    wanted: Array
+    largest: Array
+
+
+frequency_within = compiled(largest_within)
+
+
+@compiled
+def clamped(value: float, low: float, high: float) -> float:
+    """Return a value within limits."""
+    return min(max(value, low), high)
+
+
+@compiled
+def steer(able: Steerable, speed: float, turning: float, steered: Steered) -> float:
+    """
+    Fill the gait for a speed [m/s] and a turning rate [rad/s]; see `Steering.gait`.
+
+    It returns the angular frequency of a cycle of the given gait [rad/s]; with 0 the robot stops.
+    """
+    given, waves = able.waves, steered.waves
+    for axis in range(2):
+        waves.amplitude[axis] = given.amplitude[axis]
+        waves.angular_frequency[axis] = given.angular_frequency[axis]
+        waves.phase_lag[axis] = given.phase_lag[axis]
+        waves.phase[axis] = given.phase[axis]
+        waves.offset[axis] = given.offset[axis]
+        waves.gradient[axis] = given.gradient[axis]
+    cycle = cycle_of(given)
+    if speed == 0.0 or cycle == 0.0:
+        # At rest: straight, except for the offset of its pitch.
+        for axis in range(2):
+            waves.amplitude[axis] = waves.angular_frequency[axis] = 0.0
+        waves.offset[0] = 0.0
+        return cycle
+    if able.turn != 0.0:
+        turn_by_gradient(able, speed, turning, steered)
+    else:
+        reach = abs(given.amplitude[0]) * (1.0 + abs(given.gradient[0]))
+        steered.wanted[0] = -able.link_length * turning / speed
+        waves.offset[0] = clamped(steered.wanted[0], able.low[0] + reach, able.high[0] - reach)
+    share = math.inf
+    for axis in range(2):
+        omega = abs(waves.angular_frequency[axis])
+        if omega > 0.0:
+            reach = abs(waves.amplitude[axis]) * (1.0 + abs(waves.gradient[axis]))
+            most = frequency_within(able.low[axis], able.high[axis], able.rate[axis], reach)
+            share = min(share, most / omega)
+    steered.largest[0] = abs(cycle) * share
+    reachable = steered.largest[0] * able.stride / (2 * math.pi)
+    ahead = -1.0 if given.phase_lag[0] > 0.0 and able.turn == 0.0 else 1.0
+    reached = clamped(speed, -reachable, reachable)
+    for axis in range(2):
+        waves.angular_frequency[axis] *= ahead * 2 * math.pi * reached / able.stride / cycle
+    return cycle
+
+
+@compiled
+def cycle_of(waves: Waves) -> float:
+    """Return the angular frequency of a cycle, that of the first wave that moves [rad/s]."""
+    for axis in range(2):
+        if abs(waves.angular_frequency[axis]) >= SLOWEST:
+            return float(waves.angular_frequency[axis])
+    return 0.0
+
+
+@compiled
+def turn_by_gradient(able: Steerable, speed: float, turning: float, steered: Steered) -> None:
+    """Set the gradient of both waves, and amplitudes within the limits of the joints."""
+    waves, turn = steered.waves, turning * able.stride / speed  # a cycle
+    steered.wanted[0] = turn / able.turn
+    if len(able.turns) and speed > 0.0:
+        side = able.turn / TURN
+        steered.wanted[0] = gradient_of_turn(able, side * turn)
+    gradient = clamped(steered.wanted[0], -STEEPEST, STEEPEST)
+    for axis in range(2):
+        room = min(able.high[axis] - waves.offset[axis], waves.offset[axis] - able.low[axis])
+        most = room / (1.0 + abs(gradient))
+        waves.amplitude[axis] = clamped(waves.amplitude[axis], -most, most)
+        waves.gradient[axis] = gradient
+
+
+@compiled
+def gradient_of_turn(able: Steerable, turn: float) -> float:
+    """Return the gradient for a turn [rad a cycle]; beyond the map it goes on as at its ends."""
+    turns, gradients, k = able.turns, able.gradients, 0
+    while k < len(turns) - 2 and turns[k + 1] < turn:
+        k += 1
+    share = (turn - turns[k]) / (turns[k + 1] - turns[k])
+    return float(gradients[k] + share * (gradients[k + 1] - gradients[k]))
+
+
+@entry
+def steer_gait(able: Steerable, speed: float, turning: float, steered: Steered) -> float:
+    """Fill a gait that is steered, see `steer`."""
+    return steer(able, speed, turning, steered)
+
+
+def make_steered(able: Steerable) -> Steered:
+    """Return memory for what a gait is steered to."""
+    return Steered(Waves(*(each.copy() for each in able.waves)), np.zeros(1), np.zeros(1))
+
+
+@lru_cache(maxsize=8)
+def steerable(gait: Gait, robot: Robot, stride: Stride, speed: float) -> Steerable:
+    """Return what `steer` needs for a gait of a robot, at a speed [m/s] if that counts."""
+    limits = np.array([narrowest_limits(robot, axis) for axis in AXES])
+    low, high, rate = np.ascontiguousarray(limits.T)
+    known = stride.turn and stride.friction and speed > 0.0
+    turns = turns_of_gradients(speed, stride.friction)[::-1].copy() if known else np.zeros(0)
+    return Steerable(
+        waves=Waves.of(gait),
+        low=low,
+        high=high,
+        rate=rate,
+        link_length=float(robot.per_link('link_length').mean()),
+        stride=float(stride.length),
+        turn=float(stride.turn),
+        turns=turns,
+        gradients=GRADIENTS[::-1].copy() if known else np.zeros(0),
+    )
+
+
+# ---- requested motions --------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Steering:
     """The requested motion of a robot."""
@@ -95,75 +277,41 @@ class Steering:
             Kind -> sentence about what cannot be done as requested.
 
         """
-        yaw, pitch = gait.yaw, gait.pitch
-        frequencies = yaw.angular_frequency, pitch.angular_frequency
-        cycle = next((each for each in frequencies if abs(each) >= SLOWEST), 0.0)
-        remarks = self._reasons_to_stop(cycle)
+        # The map of turns is that of a speed; others need not be told apart.
+        speed = self.speed if stride.friction else 1.0
+        able = steerable(gait, robot, stride, speed)
+        steered, speed = make_steered(able), 0.0 if gait.table else float(self.speed)
+        cycle = steer_gait(able, speed, float(self.turning), steered)
+        remarks, moves = self._reasons_to_stop(cycle), speed != 0.0 and cycle != 0.0
         if gait.table and self.speed != 0.0:
             remarks = {'table': 'cmd_vel: a gait from a table has no frequency to set; it stops'}
-        if self.speed == 0.0 or cycle == 0.0 or gait.table:
-            return _still(gait), remarks
-
-        turn = self._by_gradient if stride.turn else self._by_offset
-        yaw, pitch = turn(gait, robot, stride, remarks)
-        largest = abs(cycle) * min(
-            largest_frequency(robot, axis, wave.largest) / abs(wave.angular_frequency)
-            for axis, wave in zip(AXES, (yaw, pitch), strict=True)
-            if wave.angular_frequency
+        waves, wanted = steered.waves, float(steered.wanted[0])
+        yaw, pitch = (
+            Wave(**{name: float(each[axis]) for name, each in waves._asdict().items()})
+            for axis in range(2)
         )
+        found = replace(gait, yaw=yaw, pitch=pitch, table=gait.table if moves else Table())
+        if not moves:
+            return found, remarks
+        if stride.turn and found.yaw.gradient != wanted:
+            remarks['gradient'] = (
+                f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '
+                f'needs a gradient of {wanted:.4g}; clamped to {found.yaw.gradient:.4g}'
+            )
+        if not stride.turn and found.yaw.offset != wanted:
+            remarks['offset'] = (
+                f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '
+                f'needs a yaw offset of {wanted:.4g} rad; clamped to {found.yaw.offset:.4g} rad, '
+                f'the joint limit less the amplitude'
+            )
+        largest = float(steered.largest[0])
         reachable = largest * stride.length / (2 * math.pi)
-        speed = min(max(self.speed, -reachable), reachable)
-        if speed != self.speed:
+        if abs(self.speed) > reachable:
             remarks['speed'] = (
                 f'cmd_vel: linear.x {self.speed:.4g} m/s is more than {reachable:.4g} m/s, which '
                 f'the stride and the largest frequency, {largest:.4g} rad/s, make; clamped'
             )
-        ahead = -1.0 if yaw.phase_lag > 0.0 and not stride.turn else 1.0
-        scale = ahead * 2 * math.pi * speed / stride.length / cycle
-        return replace(
-            gait,
-            yaw=replace(yaw, angular_frequency=scale * yaw.angular_frequency),
-            pitch=replace(pitch, angular_frequency=scale * pitch.angular_frequency),
-        ), remarks
-
-    def _by_offset(
-        self, gait: Gait, robot: Robot, stride: Stride, remarks: dict[str, str]
-    ) -> tuple[Wave, Wave]:
-        """Return the waves of a gait whose path bends by the offset of its yaw."""
-        least, most, _ = narrowest_limits(robot, 'yaw')
-        least, most = least + gait.yaw.largest, most - gait.yaw.largest
-        wanted = -float(robot.per_link('link_length').mean()) * self.turning / self.speed
-        offset = min(max(wanted, least), most)
-        if offset != wanted:
-            remarks['offset'] = (
-                f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '
-                f'needs a yaw offset of {wanted:.4g} rad; clamped to {offset:.4g} rad, the joint '
-                f'limit less the amplitude'
-            )
-        return replace(gait.yaw, offset=offset), gait.pitch
-
-    def _by_gradient(
-        self, gait: Gait, robot: Robot, stride: Stride, remarks: dict[str, str]
-    ) -> tuple[Wave, Wave]:
-        """Return the waves of a gait that turns by a gradient, within the limits of the joints."""
-        turn = self.turning * stride.length / self.speed  # a cycle
-        wanted = turn / stride.turn
-        if stride.friction and self.speed > 0.0:
-            side = stride.turn / TURN
-            wanted = gradient_of_turn(side * turn, self.speed, stride.friction)
-        gradient = min(max(wanted, -STEEPEST), STEEPEST)
-        if gradient != wanted:
-            remarks['gradient'] = (
-                f'cmd_vel: angular.z {self.turning:.4g} rad/s at linear.x {self.speed:.4g} m/s '
-                f'needs a gradient of {wanted:.4g}; clamped to {gradient:.4g}'
-            )
-        turned = []
-        for axis, wave in zip(AXES, (gait.yaw, gait.pitch), strict=True):
-            low, high, _ = narrowest_limits(robot, axis)
-            most = min(high - wave.offset, wave.offset - low) / (1.0 + abs(gradient))
-            amplitude = min(max(wave.amplitude, -most), most)
-            turned.append(replace(wave, amplitude=amplitude, gradient=gradient))
-        return turned[0], turned[1]
+        return found, remarks
 
     def _reasons_to_stop(self, cycle: float) -> dict[str, str]:
         """Return kind -> sentence about why the robot stops, given its angular frequency."""
@@ -176,14 +324,3 @@ class Steering:
         if self.speed != 0.0 and cycle == 0.0:
             remarks['cycle'] = 'cmd_vel: a gait whose frequencies are 0 does not move; it stops'
         return remarks
-
-
-def _still(gait: Gait) -> Gait:
-    """Return the gait at rest: straight, except for the offset of its pitch."""
-    still = {'amplitude': 0.0, 'angular_frequency': 0.0}
-    return replace(
-        gait,
-        yaw=replace(gait.yaw, **still, offset=0.0),
-        pitch=replace(gait.pitch, **still),
-        table=Table(),
-    )

@@ -236,8 +236,8 @@ class FollowNode(Node):
         self.scene = self._changed(parameters)
         if self.guidance:
             following, stride = self.scene.follow, self.guidance.stride
-            self.guidance.following = following
-            self.guidance.speed = speed_along(following, self.scene.gait, stride)
+            speed = speed_along(following, self.scene.gait, stride)
+            self.guidance.change(following, speed)
 
 
 def main(args: list[str] | None = None) -> int:

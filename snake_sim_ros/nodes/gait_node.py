@@ -25,7 +25,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from snake_sim_ros.gaits.blending import Blend, check_limits, largest_values, shortest_blend
+from snake_sim_ros.gaits.blending import (
+    Blend,
+    check_limits,
+    largest_values,
+    shortest_blend,
+    usual_blend,
+)
 from snake_sim_ros.gaits.steering import Steering, Stride
 from snake_sim_ros.nodes.executors import serve, ThrottledWarnings
 from snake_sim_ros.nodes.gait_inputs import (
@@ -190,7 +196,7 @@ class GaitNode(Node):
 
     def _beginning(self, posture: Array | None = None) -> Blend:
         joint_count = self.robot.link_count - 1
-        duration = self.settings.blend_time or max(1.0, shortest_blend(self.robot))
+        duration = self.settings.blend_time or usual_blend(self.robot)
         return Blend.of(self.target, joint_count, duration, posture)
 
     def _stop_unsteered(self, now: int) -> None:

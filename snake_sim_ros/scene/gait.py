@@ -4,7 +4,8 @@
 Gaits: waves and tables of joint angles, as records of a scene and as functions of time.
 
 A gait is the sum of a yaw wave, a pitch wave, eqs. (70) and (71), and a table of any shape, which
-comes from arrays or from a file. `soft_start` and `wave` take arrays and, compiled, numbers.
+comes from arrays or from a file. `soft_start`, `at_joint` and `wave` take arrays and, compiled,
+numbers.
 """
 
 from collections.abc import Mapping, Sequence
@@ -243,8 +244,13 @@ class Wave(CheckedRecord):
 
 def amplitudes(wave: Wave, joint_count: int) -> Array:
     """Return the amplitude of a wave at every joint, linear along the robot, (n-1,) [rad]."""
-    along = 2.0 * np.arange(joint_count) / max(1, joint_count - 1) - 1.0
-    return wave.amplitude * (1.0 + wave.gradient * along)
+    return at_joint(wave.amplitude, wave.gradient, np.arange(joint_count), joint_count)
+
+
+def at_joint(amplitude: float, gradient: float, joint: Array, joint_count: int) -> Array:
+    """Return the same at joints of some numbers, from 0 [rad]."""
+    along = 2.0 * joint / max(1, joint_count - 1) - 1.0
+    return amplitude * (1.0 + gradient * along)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ import tempfile
 
 from tqdm import tqdm
 
+from snake_sim_ros.controllers.following import compile_following
 from snake_sim_ros.dynamics.code_cache import identity, is_portable, PORTABLE, Shelf
 from snake_sim_ros.dynamics.compilation import COMPILES
 from snake_sim_ros.gaits.joint_reference import compile_sampling
@@ -55,6 +56,7 @@ def compile_form(number: int) -> None:
     Shelf.shares_work = True
     scene = scene_of(number)
     compile_sampling(scene)
+    compile_following()
     simulation = Simulation(scene)
     simulation.compile()
     batch = Batch([simulation])

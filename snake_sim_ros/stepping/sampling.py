@@ -8,7 +8,6 @@ second, so that a program can show its progress.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 import math
 import time
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -225,22 +224,22 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
     """
     controller.start(scene)
+    poses, contacts, imus = (sees(controller, what) for what in ('poses', 'contacts', 'imus'))
     before: Array | None = None  # velocities at the last call, (n, 3) [m/s]
 
     def control(simulation: 'Simulation') -> Reference:
         nonlocal before
-        state = simulation.state
-        measured = Measured(*simulation.joint_motion(), simulation.joint_torque)
-        if sees(controller, 'poses'):
-            measured = replace(measured, position=state.q[:, :3], orientation=state.q[:, 3:])
-        if sees(controller, 'contacts'):
-            measured = replace(
-                measured, contact_wrench=contact_wrenches(scene, state, simulation.history)
-            )
-        if sees(controller, 'imus'):
+        state, wrench, read = simulation.state, None, None
+        if contacts:
+            wrench = contact_wrenches(scene, state, simulation.history)
+        if imus:
             before = state.u[:, :3] if before is None else before
             read = imu_readings(scene.gravity, state.q, state.u, before, controller.period)
-            measured, before = replace(measured, imu=read), state.u[:, :3].copy()
+            before = state.u[:, :3].copy()
+        measured = Measured(
+            *simulation.joint_motion(), simulation.joint_torque,
+            state.q[:, :3] if poses else None, state.q[:, 3:] if poses else None, wrench, read,
+        )  # fmt: skip
         return controller.control(measured, simulation.time)
 
     return Command(control, steps_in(controller.period, scene.dt, 'period of the controller'))

@@ -46,6 +46,7 @@ from snake_sim_ros.stepping.state import carried, History, initial_state, State
 from snake_sim_ros.stepping.trajectory import Trajectory
 
 AHEAD = 64  # steps whose references are computed at once, since one costs as much as all of them
+MOST_IN_PLACE = 1000  # steps with samples of a call that others may be like
 FLOOR = 40  # iterations of every step; with fewer, `newton` may end before it has held radii once
 TOGETHER = 5  # steps that are tried in one call
 LEVELS = ('planar', 'spatial')
@@ -379,7 +380,7 @@ class Simulation:
         self._noted(last)
         every = samples.every if samples else 0
         # Long calls with samples are few, and those whose first sample is another are not alike.
-        is_alike = not samples or (samples.first == every and count <= AHEAD)
+        is_alike = not samples or (samples.first == every and count <= MOST_IN_PLACE)
         if goes_on and is_alike and not self.budget.share:
             self.go_on_in_place(count, every)
         return last

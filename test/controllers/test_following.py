@@ -19,7 +19,7 @@ from snake_sim_ros import (
     Table,
     Wave,
 )
-from snake_sim_ros.controllers.following import CourseFilter
+from snake_sim_ros.controllers.following import filter_course
 from snake_sim_ros.gaits.steering import Stride
 
 LENGTH = 11 * 0.14  # of Aiko, between its first and its last contact [m]
@@ -89,28 +89,30 @@ def test_a_path_whose_ends_meet_is_followed_from_its_begin():
 
 
 def test_gains_may_change_on_the_way():
-    guided = follower(heading_filter=1.0).guidance
-    for frequency in (1.0, 9.0):
-        guided.following = Following(heading_filter=frequency)
-        guided.steer(straight(0.0, 0.5, 0.0))
-        assert guided._filter.frequency == frequency
+    guided, expected = follower(heading_filter=1.0).guidance, np.zeros(2)
+    for frequency, speed in ((1.0, 0.1), (9.0, 0.2)):
+        guided.change(Following(heading_filter=frequency, integral_gain=0.0), speed)
+        steering = guided.steer(straight(0.0, 0.5, 0.0))
+        filter_course(expected, frequency, -math.pi / 4, 0.1)
+        assert guided.guide.filtered == pytest.approx(expected, abs=1e-14)
+        assert steering.speed == speed
 
 
 @pytest.mark.parametrize('periods', [(0.1,) * 40, (1.0, 0.5, 2.5)])
 def test_the_reference_filter_is_critically_damped(periods):
     # c'' + 2 w c' + w^2 (c - 1) = 0 from rest at 0: c = 1 - (1 + w t) exp(-w t)
-    found, w, t = CourseFilter(1.7, 0.0), 1.7, 0.0
+    found, w, t = np.zeros(2), 1.7, 0.0
     for period in periods:
-        found.follow(1.0, period)
+        filter_course(found, w, 1.0, period)
         t += period
-        assert found.course == pytest.approx(1 - (1 + w * t) * math.exp(-w * t), abs=1e-13)
-        assert found.rate == pytest.approx(w * w * t * math.exp(-w * t), abs=1e-13)
+        assert found[0] == pytest.approx(1 - (1 + w * t) * math.exp(-w * t), abs=1e-13)
+        assert found[1] == pytest.approx(w * w * t * math.exp(-w * t), abs=1e-13)
 
 
 def test_a_filter_goes_the_short_way_round():
-    found = CourseFilter(2.0, 3.0)
-    found.follow(-3.0, 0.1)
-    assert 3.0 < found.course < 2 * math.pi - 3.0
+    found = np.array([3.0, 0.0])
+    filter_course(found, 2.0, -3.0, 0.1)
+    assert 3.0 < found[0] < 2 * math.pi - 3.0
 
 
 PATHS = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from snake_sim_ros import Following, ParameterError, PlanarPath
-from snake_sim_ros.controllers.paths import SAG
+from snake_sim_ros.controllers.paths import places_along, SAG
 
 pytestmark = pytest.mark.fast
 
@@ -71,8 +71,10 @@ def test_what_is_far_along_the_path_need_not_be_looked_at(closed):
     for arc in rng.uniform(-0.5, path.length + 0.5, 200):
         k = min(max(np.searchsorted(path.arc, arc), 0), len(path.points) - 1)
         point = path.points[k] + rng.normal(0.0, 0.2, 2)
-        everywhere = path.pieces.nearest(point, np.asarray(arc), closed)
-        assert path.nearest(point, arc) == tuple(map(float, everywhere))
+        everywhere = path.course._replace(reach=math.inf)
+        place = np.empty((1, 4))
+        places_along(everywhere, point[None], arc, place)
+        assert path.nearest(point, arc) == tuple(place[0])
 
 
 def test_a_spline_has_the_curvature_of_its_curve():

@@ -113,9 +113,11 @@ def test_rates_are_the_derivatives_of_the_angles(seed):
         if end == begin:
             continue
         times = np.linspace(begin + h, end - h, 200)
-        T, m = blend.duration, len(blend.begins) + bool(blend.entry)
+        mixed = blend.mixture
+        T, fade_in, begins = mixed.duration, mixed.fade_in, mixed.begin[1 : int(mixed.present[0])]
+        m = len(begins) + bool(mixed.entry)
         # The second derivative jumps where a blend ends.
-        kinks = np.concatenate([[T, blend.fade_in], blend.begins + T, blend.begins])
+        kinks = np.concatenate([[T, fade_in], begins + T, begins])
         times = times[(np.abs(times[:, None] - kinks) > 2 * h).all(axis=1)]
         (later, _), (sooner, _) = (blend.reference(times + sign * h) for sign in (1, -1))
         _, rate = blend.reference(times)
@@ -130,8 +132,8 @@ def test_rates_are_the_derivatives_of_the_angles(seed):
             omega[0] ** 2 + omega[1],
             omega[0] ** 3 + 3 * omega[0] * omega[1] + omega[2],
         ]
-        if 0.0 < blend.fade_in and begin < blend.fade_in:  # a factor with the derivatives of s
-            f = [1.0, *(value / blend.fade_in**k for k, value in ((1, 1.5), (2, 6), (3, 12)))]
+        if 0.0 < fade_in and begin < fade_in:  # a factor with the derivatives of s
+            f = [1.0, *(value / fade_in**k for k, value in ((1, 1.5), (2, 6), (3, 12)))]
             w = [sum(math.comb(k, i) * f[i] * w[k - i] for i in range(k + 1)) for k in range(4)]
         third = L * sum(math.comb(3, i) * w[i] * c[3 - i] for i in range(4))
         bound = h**2 / 6 * third + ROUNDING / h
@@ -300,7 +302,7 @@ def test_arrays_and_single_times_agree_and_the_past_is_forgotten():
     blend = Blend.of(UNDULATION, JOINTS, 1.0)
     for k in range(1000):
         blend = blend.changed(0.02 * k, [SIDEWINDING, SINUS_LIFTING][k % 2])
-    assert len(blend.begins) <= 51
+    assert int(blend.mixture.present[0]) - 1 <= 51
     times = np.array([20.0, 20.4, 33.0])
     angles, rates = blend.reference(times)
     assert angles.shape == rates.shape == (3, JOINTS, 2)

@@ -137,6 +137,19 @@ def test_controller_feels_contacts_and_inertial_units(sim, tmp_path):
     wait_until_in_control(sim)
 
 
+def place_of(poses):
+    """Return the mean place of the links in a message, (2,) [m]."""
+    return np.mean([(each.position.x, each.position.y) for each in poses.poses], axis=0)
+
+
+@pytest.mark.parametrize('name', ['compliance', 'obstacle_aided'])
+def test_controllers_between_obstacles_move_the_robot(sim, name):
+    sim.control(f'controller.name:={name}')
+    start = place_of(sim.link_poses[-1])
+    sim.graph.until(lambda: np.hypot(*(place_of(sim.link_poses[-1]) - start)) > 0.1, 'motion')
+    wait_until_in_control(sim)
+
+
 def test_network_of_the_page_reaches_its_goal(sim, monkeypatch):
     """The command on the page on learning, with a goal that is reached in about 5 s."""
     pytest.importorskip('gymnasium')
@@ -148,9 +161,7 @@ def test_network_of_the_page_reaches_its_goal(sim, monkeypatch):
     sim.control(name, 'controller.goal:=[0.8, 0.5]')
 
     def distance():
-        poses = sim.link_poses[-1].poses
-        place = np.mean([(each.position.x, each.position.y) for each in poses], axis=0)
-        return np.hypot(*(place - (0.8, 0.5)))
+        return np.hypot(*(place_of(sim.link_poses[-1]) - (0.8, 0.5)))
 
     sim.graph.until(lambda: distance() < 0.15, 'the goal')
     wait_until_in_control(sim)
@@ -167,12 +178,7 @@ def test_robot_follows_a_path_at_50_hertz_with_20_milliseconds_of_delay(sim):
     for end in (10.0, 20.0, 40.0):  # on a loaded machine commands come late
         sim.advance_to(begin + end)
         wait_until_in_control(sim)
-        centers = np.array(
-            [
-                np.mean([(each.position.x, each.position.y) for each in message.poses], axis=0)
-                for message in sim.link_poses[heard:]
-            ]
-        )
+        centers = np.array([place_of(message) for message in sim.link_poses[heard:]])
         arcs, errors = path.track(centers[len(centers) // 2 :])
         covered = abs(arcs[-1] - arcs[0])
         if covered > 0.3:

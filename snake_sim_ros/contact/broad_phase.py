@@ -18,6 +18,7 @@ from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
 ITEMS_OF_A_CELL = 16.0  # in the mean, if all were points
+SLACK = 1.0000001  # on squares of distances of cells, for their rounding
 
 
 class Grid(NamedTuple):
@@ -105,15 +106,17 @@ def find_near_point(grid: Grid, c: Three, reach: float) -> int:
     """Fill `found` with the items whose bounds are within `reach` of a point [m]; count them."""
     count, side = 0, 1.0 / grid.per_meter
     grid.search[0] += 1
-    if is_beside(grid, c[0] - reach, c[0] + reach, c[1] - reach, c[1] + reach, c[2] - reach):
+    beside = reach_beside(grid, c[2], reach)
+    low_x, high_x, low_y, high_y = c[0] - beside, c[0] + beside, c[1] - beside, c[1] + beside
+    if is_beside(grid, low_x, high_x, low_y, high_y, c[2] - reach):
         return count
     first, last = (
-        cell_of(c[0] - reach, grid.x, grid.per_meter, grid.columns),
-        cell_of(c[0] + reach, grid.x, grid.per_meter, grid.columns),
+        cell_of(low_x, grid.x, grid.per_meter, grid.columns),
+        cell_of(high_x, grid.x, grid.per_meter, grid.columns),
     )
     for row in range(
-        cell_of(c[1] - reach, grid.y, grid.per_meter, grid.rows),
-        cell_of(c[1] + reach, grid.y, grid.per_meter, grid.rows) + 1,
+        cell_of(low_y, grid.y, grid.per_meter, grid.rows),
+        cell_of(high_y, grid.y, grid.per_meter, grid.rows) + 1,
     ):
         y = grid.y + row * side
         dy = max(y - c[1], c[1] - y - side, 0.0)
@@ -122,7 +125,7 @@ def find_near_point(grid: Grid, c: Three, reach: float) -> int:
             x = grid.x + column * side
             dx = max(x - c[0], c[0] - x - side, 0.0)
             dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
-            if dx * dx + dy * dy + dz * dz > 1.0000001 * reach * reach:
+            if dx * dx + dy * dy + dz * dz > SLACK * reach * reach:
                 continue
             for m in range(grid.begin[k], grid.begin[k + 1]):
                 item = grid.members[m]
@@ -135,6 +138,13 @@ def find_near_point(grid: Grid, c: Three, reach: float) -> int:
                     grid.found[count] = item
                     count += 1
     return count
+
+
+@inlined
+def reach_beside(grid: Grid, low: float, reach: float) -> float:
+    """Return how far beside points from a height on [m] items are that are within `reach` [m]."""
+    above = max(low - grid.z, 0.0)
+    return math.sqrt(max(SLACK * reach * reach - above * above, 0.0))
 
 
 @inlined
@@ -174,9 +184,10 @@ def find_near_axis(grid: Grid, axis: Axis, reach: float) -> int:
     count, side = 0, 1.0 / grid.per_meter
     grid.search[0] += 1
     (x, y, z), (ax, ay, az), half = axis
+    beside = reach_beside(grid, z - half * abs(az), reach)
     low_z, high_z = z - half * abs(az) - reach, z + half * abs(az) + reach
-    low_x, low_y = x - half * abs(ax) - reach, y - half * abs(ay) - reach
-    high_x, high_y = x + half * abs(ax) + reach, y + half * abs(ay) + reach
+    low_x, low_y = x - half * abs(ax) - beside, y - half * abs(ay) - beside
+    high_x, high_y = x + half * abs(ax) + beside, y + half * abs(ay) + beside
     if is_beside(grid, low_x, high_x, low_y, high_y, low_z):
         return count
     first, last = (

@@ -483,6 +483,8 @@ def ground_contact(
         Unit vector from the box to the sphere, in I.
 
     """
+    if len(obstacles.heights) == 0:
+        return z - radius, 0.0, 0.0, 1.0
     cell = obstacles.cell
     column = math.floor((x - obstacles.origin_x) / cell)
     row = math.floor((y - obstacles.origin_y) / cell)

@@ -16,8 +16,9 @@ frame in I.
 """
 
 from snake_sim_ros.contact.contacts import Contacts
+from snake_sim_ros.contact.shapes import inner, minus, moved, outer, times, triple
 from snake_sim_ros.dynamics.compilation import compiled, inlined
-from snake_sim_ros.dynamics.spatial_vectors import Six
+from snake_sim_ros.dynamics.spatial_vectors import Six, Three
 from snake_sim_ros.scene.parameters import Array
 
 
@@ -96,43 +97,42 @@ def direction(point: Array, frame: Array, a: int, k: int) -> Six:
 @compiled
 def add_wrench_in_frames(closed: Array, contacts: Contacts, frame: Array, wrench: Array) -> None:
     """Do what `add_contact_wrench` does, for contacts that have frames."""
-    geometry, solution = contacts.geometry, contacts.solution
+    geometry, P = contacts.geometry, contacts.solution.impulse
     for a in closed:
-        i, other = geometry.link[a], geometry.other_link[a]
+        i, other, radius = geometry.link[a], geometry.other_link[a], geometry.radius[a]
+        e_x, e_y = triple(frame[a], 1), triple(frame[a], 2)
+        force = times(P[a, 0], triple(frame[a], 0))
+        force = moved(moved(force, P[a, 1], e_x), P[a, 2], e_y)
+        moment = moved(outer(triple(geometry.point, a), force), radius * P[a, 4], e_x)
+        moment = moved(moment, -radius * P[a, 3], e_y)
         for k in range(3):
-            w = direction(geometry.point, frame, a, k)
-            for j in range(6):
-                wrench[i, j] += solution.impulse[a, k] * w[j]
-            if other >= 0:
-                w = direction(geometry.other_point, frame, a, k)
-                for j in range(6):
-                    wrench[other, j] -= solution.impulse[a, k] * w[j]
-        for k in range(3):
-            roll = (
-                solution.impulse[a, 4] * frame[a, 1, k] - solution.impulse[a, 3] * frame[a, 2, k]
-            )
-            wrench[i, k] += geometry.radius[a] * roll
+            wrench[i, k] += moment[k]
+            wrench[i, 3 + k] += force[k]
+        if other >= 0:
+            moment = outer(triple(geometry.other_point, a), force)
+            for k in range(3):
+                wrench[other, k] -= moment[k]
+                wrench[other, 3 + k] -= force[k]
 
 
 @compiled
 def velocities_in_frames(closed: Array, contacts: Contacts, frame: Array, twist: Array) -> None:
     """Do what `contact_velocities` does, for contacts that have frames."""
-    geometry, solution = contacts.geometry, contacts.solution
+    geometry, solution, gamma = contacts.geometry, contacts.solution, contacts.solution.gamma
     for a in closed:
-        i, other = geometry.link[a], geometry.other_link[a]
-        for k in range(3):
-            w = direction(geometry.point, frame, a, k)
-            gamma = solution.shift[a] if k == 0 else 0.0
-            for j in range(6):
-                gamma += w[j] * twist[i, j]
-            if other >= 0:
-                w = direction(geometry.other_point, frame, a, k)
-                for j in range(6):
-                    gamma -= w[j] * twist[other, j]
-            solution.gamma[a, k] = gamma
-        along = across = 0.0
-        for k in range(3):
-            along += frame[a, 1, k] * twist[i, k]
-            across += frame[a, 2, k] * twist[i, k]
-        solution.gamma[a, 3] = -geometry.radius[a] * across
-        solution.gamma[a, 4] = geometry.radius[a] * along
+        i, other, radius = geometry.link[a], geometry.other_link[a], geometry.radius[a]
+        omega = triple(twist, i)
+        v = velocity_at(twist, i, triple(geometry.point, a))
+        if other >= 0:
+            v = minus(v, velocity_at(twist, other, triple(geometry.other_point, a)))
+        e_x, e_y = triple(frame[a], 1), triple(frame[a], 2)
+        gamma[a, 0] = inner(triple(frame[a], 0), v) + solution.shift[a]
+        gamma[a, 1], gamma[a, 2] = inner(e_x, v), inner(e_y, v)
+        gamma[a, 3], gamma[a, 4] = -radius * inner(e_y, omega), radius * inner(e_x, omega)
+
+
+@inlined
+def velocity_at(twist: Array, i: int, point: Three) -> Three:
+    """Return the velocity of a point of link i [m/s]."""
+    v = twist[i, 3], twist[i, 4], twist[i, 5]
+    return moved(v, 1.0, outer(triple(twist, i), point))

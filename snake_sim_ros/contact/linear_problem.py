@@ -46,7 +46,7 @@ from snake_sim_ros.contact.delassus import (
     fill_free_velocities,
     fill_wrenches,
 )
-from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities, direction
+from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
@@ -59,6 +59,7 @@ from snake_sim_ros.contact.laws import (
     STICKING,
 )
 from snake_sim_ros.contact.problem import Joints, Problem
+from snake_sim_ros.contact.shapes import moved, outer, times, triple
 from snake_sim_ros.dynamics.articulated_body import (
     Chain,
     correct_chain,
@@ -70,7 +71,7 @@ from snake_sim_ros.dynamics.articulated_body import (
 from snake_sim_ros.dynamics.balance import axis_loads, axis_rates
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_laws import linearize_axes
-from snake_sim_ros.dynamics.spatial_vectors import Six
+from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
 MOST_CORRECTIONS = 4  # of the twists in one linear step
@@ -339,14 +340,21 @@ def add_point_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i: 
         (xy, yy, yz),
         (0.0, 0.0, zz),
     )
-    for k in range(6):  # (p x r, r) is a row of J^T K J
+    add_point_inertia(rows, (x, y, z), inertia[i])
+
+
+@inlined
+def add_point_inertia(rows: tuple[Three, ...], point: Three, inertia: Array) -> None:
+    """Add J^T K J to an inertia (6, 6); its rows are (p x r, r) for rows r of p~ K and K."""
+    x, y, z = point
+    for k in range(6):
         a_x, a_y, a_z = rows[k]
-        inertia[i, k, 0] += y * a_z - z * a_y
-        inertia[i, k, 1] += z * a_x - x * a_z
-        inertia[i, k, 2] += x * a_y - y * a_x
-        inertia[i, k, 3] += a_x
-        inertia[i, k, 4] += a_y
-        inertia[i, k, 5] += a_z
+        inertia[k, 0] += y * a_z - z * a_y
+        inertia[k, 1] += z * a_x - x * a_z
+        inertia[k, 2] += x * a_y - y * a_x
+        inertia[k, 3] += a_x
+        inertia[k, 4] += a_y
+        inertia[k, 5] += a_z
 
 
 @inlined
@@ -369,42 +377,61 @@ def add_rolling_law(contacts: Contacts, a: int, wrench: Array, inertia: Array, i
 def add_laws_in_frames(
     closed: Array, contacts: Contacts, frame: Array, rolling: bool, wrench: Array, inertia: Array
 ) -> None:
-    """
-    Do what `add_laws` does, for contacts that have frames: wrench += W P_0, A += W S W^T.
-
-    W holds the directions (normal, sliding; rolling). Friction follows the normal velocity, to
-    which the normal direction belongs.
-    """
-    geometry, solution, newton = contacts.geometry, contacts.solution, contacts.newton
+    """Do what `add_laws` does, for contacts that have frames."""
+    geometry = contacts.geometry
     for a in closed:
-        A, w = inertia[geometry.link[a]], wrench[geometry.link[a]]
-        point = geometry.point
-        normal = direction(point, frame, a, 0)
-        along, across = direction(point, frame, a, 1), direction(point, frame, a, 2)
-        S_N, shift = newton.S_N[a], solution.shift[a]
-        for k in range(6):
-            w[k] += (newton.P_0[a, 0] - S_N * shift) * normal[k]
-            for j in range(6):
-                A[k, j] += S_N * normal[k] * normal[j]
-        add_friction_law(contacts, a, SLIDING, (normal, along, across), w, A)
+        i = geometry.link[a]
+        normal, e_x, e_y = triple(frame[a], 0), triple(frame[a], 1), triple(frame[a], 2)
+        add_point_law_in_frame(contacts, a, (normal, e_x, e_y), wrench[i], inertia[i])
         if rolling:
-            r = geometry.radius[a]
-            turn = -r * frame[a, 2, 0], -r * frame[a, 2, 1], -r * frame[a, 2, 2], 0.0, 0.0, 0.0
-            roll = r * frame[a, 1, 0], r * frame[a, 1, 1], r * frame[a, 1, 2], 0.0, 0.0, 0.0
-            add_friction_law(contacts, a, ROLLING, (normal, turn, roll), w, A)
+            r, point = geometry.radius[a], triple(geometry.point, a)
+            directions = outer(point, normal), normal, times(-r, e_y), times(r, e_x)
+            add_rolling_law_in_frame(contacts, a, directions, wrench[i], inertia[i])
 
 
 @inlined
-def add_friction_law(
-    contacts: Contacts,
-    a: int,
-    kind: int,
-    directions: tuple[Six, Six, Six],
-    wrench: Array,
-    inertia: Array,
+def add_point_law_in_frame(
+    contacts: Contacts, a: int, axes: tuple[Three, Three, Three], wrench: Array, inertia: Array
 ) -> None:
     """
-    Add the law of one kind of friction at contact a to its link.
+    Do what `add_point_law` does, for a contact with its axes normal, e_x and e_y in I.
+
+    ``K = n (S_N n)^T + e_x (S_xN n + S_xx e_x + S_xy e_y)^T + e_y (S_yN n + S_xy e_x + S_yy
+    e_y)^T``.
+    """
+    newton, (normal, e_x, e_y) = contacts.newton, axes
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, SLIDING)
+    S_N, shift, p = newton.S_N[a], contacts.solution.shift[a], triple(contacts.geometry.point, a)
+    force = times(newton.P_0[a, 0] - S_N * shift, normal)
+    force = moved(force, newton.P_0[a, 1] - S_xN * shift, e_x)
+    force = moved(force, newton.P_0[a, 2] - S_yN * shift, e_y)
+    moment = outer(p, force)
+    by_x = moved(moved(times(S_xN, normal), S_xx, e_x), S_xy, e_y)
+    by_y = moved(moved(times(S_yN, normal), S_xy, e_x), S_yy, e_y)
+    x = moved(moved(times(S_N * normal[0], normal), e_x[0], by_x), e_y[0], by_y)
+    y = moved(moved(times(S_N * normal[1], normal), e_x[1], by_x), e_y[1], by_y)
+    z = moved(moved(times(S_N * normal[2], normal), e_x[2], by_x), e_y[2], by_y)
+    rows = (
+        moved(times(p[1], z), -p[2], y),  # p~ K
+        moved(times(p[2], x), -p[0], z),
+        moved(times(p[0], y), -p[1], x),
+        x,  # K
+        y,
+        z,
+    )
+    for k in range(3):
+        wrench[k] += moment[k]
+        wrench[3 + k] += force[k]
+    add_point_inertia(rows, p, inertia)
+
+
+@inlined
+def add_rolling_law_in_frame(
+    contacts: Contacts, a: int, directions: tuple[Three, Three, Three, Three], wrench: Array,
+    inertia: Array,
+) -> None:  # fmt: skip
+    """
+    Add the rolling torque of contact a to its link.
 
     Parameters
     ----------
@@ -412,27 +439,26 @@ def add_friction_law(
         With linear laws.
     a : int
         Number of the contact.
-    kind : int
-        SLIDING or ROLLING.
-    directions : tuple of 6 float each
-        Wrench of a unit normal impulse, and those of unit impulses along both axes.
+    directions : tuple of 3 float each
+        Moment and force of a unit normal impulse, and the moments of unit impulses of rolling.
     wrench : ndarray, shape (6,)
         Wrench of the link about O; added to.
     inertia : ndarray, shape (6, 6)
         Inertia of the link about O; added to.
 
     """
-    solution, newton = contacts.solution, contacts.newton
-    normal, along, across = directions
-    k, shift = 1 + 2 * kind, solution.shift[a]
-    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, kind)
-    P_x, P_y = newton.P_0[a, k] - S_xN * shift, newton.P_0[a, k + 1] - S_yN * shift
-    for i in range(6):
-        wrench[i] += P_x * along[i] + P_y * across[i]
-        for j in range(6):
-            x = S_xN * normal[j] + S_xx * along[j] + S_xy * across[j]
-            y = S_yN * normal[j] + S_xy * along[j] + S_yy * across[j]
-            inertia[i, j] += along[i] * x + across[i] * y
+    newton, (moment, normal, along, across) = contacts.newton, directions
+    S_xx, S_xy, S_yy, S_xN, S_yN = stiffness(contacts, a, ROLLING)
+    shift = contacts.solution.shift[a]
+    P_x, P_y = newton.P_0[a, 3] - S_xN * shift, newton.P_0[a, 4] - S_yN * shift
+    for k in range(3):
+        wrench[k] += P_x * along[k] + P_y * across[k]
+        follow = S_xN * along[k] + S_yN * across[k]
+        by_along = S_xx * along[k] + S_xy * across[k]
+        by_across = S_xy * along[k] + S_yy * across[k]
+        for j in range(3):
+            inertia[k, j] += follow * moment[j] + by_along * along[j] + by_across * across[j]
+            inertia[k, 3 + j] += follow * normal[j]
 
 
 class Reduced(NamedTuple):

@@ -225,7 +225,8 @@ def forget_others(closed: Array, contacts: Contacts, history: ContactHistory) ->
     for a in closed:
         newton.is_closed[a] = 1
     for a in range(len(last)):
-        if newton.is_closed[a] == 0 and last[a, 0] > 0.0:
+        if last[a, 0] > 0.0 and newton.is_closed[a] == 0:
             for j in range(5):
                 last[a, j] = history.velocity[a, j] = history.change[a, j] = 0.0
+    for a in closed:
         newton.is_closed[a] = 0

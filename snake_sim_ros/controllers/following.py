@@ -152,8 +152,10 @@ class Follower(NamedTuple):
     ----------
     guide : Guide
     gait : Steerable
-    steered, before : Steered
-        What the gait is steered to, and was at the correction before.
+    steered : Steered
+        What the gait is steered to.
+    before : Waves
+        What it was steered to at the correction before.
     mixture : Mixture
         Of the gaits since then.
     turning : ndarray, shape (1,)
@@ -170,7 +172,7 @@ class Follower(NamedTuple):
     guide: Guide
     gait: Steerable
     steered: Steered
-    before: Steered
+    before: Waves
     mixture: Mixture
     turning: Array
     center: Array
@@ -206,7 +208,7 @@ def correct(follower: Follower) -> None:
     turning = turning_along(follower.guide, follower.position, follower.center)
     follower.turning[0] = turning
     steer(follower.gait, follower.guide.speed, turning, follower.steered)
-    if take_over(follower.before.waves, follower.steered.waves):
+    if take_over(follower.before, follower.steered.waves):
         blend_into(follower.mixture, follower.time[0], follower.steered.waves)
 
 
@@ -296,6 +298,10 @@ class PathFollower:
         self.following, self.path = following, path or PlanarPath.of(following)
         self.period, self._given = following.period, stride
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how a copy is made, also in another process; it has to be started."""
+        return type(self), (self.following, self.path, self._given)
+
     def start(self, scene: Scene) -> None:
         """Begin anew; the robot must be able to follow the gait, and the gait to turn."""
         gait, robot = scene.gait, scene.robot
@@ -309,7 +315,7 @@ class PathFollower:
             guide=self.guidance.guide,
             gait=able,
             steered=make_steered(able),
-            before=make_steered(able),
+            before=able.waves.copied(),
             mixture=make_mixture(
                 gait, robot.link_count - 1, duration, None, 3 + math.ceil(duration / self.period)
             ),

@@ -52,6 +52,10 @@ class Waves(NamedTuple):
         waves = gait.yaw, gait.pitch
         return cls(*(np.array([getattr(wave, name) for wave in waves]) for name in cls._fields))
 
+    def copied(self) -> 'Waves':
+        """Return the same numbers in memory of their own."""
+        return Waves(*(numbers.copy() for numbers in self))
+
 
 class Mixture(NamedTuple):
     """

@@ -220,7 +220,7 @@ def steer_gait(able: Steerable, speed: float, turning: float, steered: Steered) 
 
 def make_steered(able: Steerable) -> Steered:
     """Return memory for what a gait is steered to."""
-    return Steered(Waves(*(each.copy() for each in able.waves)), np.zeros(1), np.zeros(1))
+    return Steered(able.waves.copied(), np.zeros(1), np.zeros(1))
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 """Path following: guidance in closed form, and robots that reach their paths and stay there."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -162,6 +163,10 @@ def test_a_follower_runs_from_python_and_starts_anew():
     first = run('lateral_undulation', controller=guided, duration=2.0)
     again = run('lateral_undulation', controller=guided, duration=2.0)
     assert (first.position == again.position).all()
+    copied = pickle.loads(pickle.dumps(guided))
+    assert (
+        run('lateral_undulation', controller=copied, duration=2.0).position == again.position
+    ).all()
     scene = {'points': [[0, 0], [-5, 1]], 'period': 0.2}
     same = run('lateral_undulation', follow=scene, duration=2.0)
     assert (first.position == same.position).all()

@@ -142,14 +142,6 @@ def place_of(poses):
     return np.mean([(each.position.x, each.position.y) for each in poses.poses], axis=0)
 
 
-@pytest.mark.parametrize('name', ['compliance', 'obstacle_aided'])
-def test_controllers_between_obstacles_move_the_robot(sim, name):
-    sim.control(f'controller.name:={name}')
-    start = place_of(sim.link_poses[-1])
-    sim.graph.until(lambda: np.hypot(*(place_of(sim.link_poses[-1]) - start)) > 0.1, 'motion')
-    wait_until_in_control(sim)
-
-
 def test_network_of_the_page_reaches_its_goal(sim, monkeypatch):
     """The command on the page on learning, with a goal that is reached in about 5 s."""
     pytest.importorskip('gymnasium')

@@ -36,7 +36,7 @@ from snake_sim_ros.gaits.blending import (
     make_mixture,
     Mixture,
     sample_waves,
-    usual_blend,
+    shortest_blend,
     Waves,
 )
 from snake_sim_ros.gaits.steering import (
@@ -52,6 +52,11 @@ from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.following import Following
 from snake_sim_ros.scene.gait import Gait, Table, Wave
 from snake_sim_ros.scene.parameters import Array, Scene
+
+# Of one steered gait into the next, if the joints are fast enough [s]. Shorter ones make contacts
+# iterate more, longer ones delay the corrections.
+SHORTEST_BLEND = 0.7
+
 
 # ---- compiled -----------------------------------------------------------------------------------
 
@@ -309,7 +314,7 @@ class PathFollower:
         speed = speed_along(self.following, gait, stride)
         check_limits(gait, robot)
         self.guidance = LineOfSight(self.following, self.path, stride, speed)
-        duration = usual_blend(robot)
+        duration = max(SHORTEST_BLEND, shortest_blend(robot))
         able = steerable(gait, robot, stride, speed)
         self._follower = Follower(
             guide=self.guidance.guide,

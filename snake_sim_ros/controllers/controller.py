@@ -104,8 +104,9 @@ def going_on(begin: float, angle: Array, rate: Array) -> Reference:
     """Return the reference that goes on from angles (n-1, 2) at a time with their rates."""
 
     def reference(times: Array) -> tuple[Array, Array]:
-        age = (times - begin)[:, None, None]
-        return angle + age * rate, np.broadcast_to(rate, (len(times), *rate.shape)).copy()
+        rates = np.empty((len(times), *rate.shape))
+        rates[...] = rate
+        return angle + (times - begin)[:, None, None] * rate, rates
 
     return reference
 

@@ -109,7 +109,7 @@ def _simulation(data: dict[str, Array]) -> Simulation:
         raise ParameterError(
             f'joint_torque of the report must have shape {axes}, got {report.joint_torque.shape}'
         )
-    simulation.report = simulation.last = report
+    simulation.report = report
     return simulation
 
 

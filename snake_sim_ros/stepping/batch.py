@@ -10,65 +10,18 @@ where the level changes, a simulation advances by itself, one after the other.
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import COMPILES, record_array, Table
-from snake_sim_ros.dynamics.records import Block, BoundCall, call_code, call_each, entry
+from snake_sim_ros.dynamics.compilation import record_array
+from snake_sim_ros.dynamics.records import call_each
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
-from snake_sim_ros.stepping.loops import begin_next, Next, show, StepsInPlace
+from snake_sim_ros.stepping.loops import Shared, StepsInPlace
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import History, State
-from snake_sim_ros.stepping.steps import add_up, as_report, copy_numbers, LoopReport
-
-
-class Going(NamedTuple):
-    """A robot whose steps continue in place: what `go_on` takes."""
-
-    code: int  # address of the machine code of its loop
-    address: int  # of what that takes
-    following: Next
-    pause_ends: float  # as in `loops.StepsInPlace`
-    dt: float  # [s]
-    block: Array  # all numbers that the loop changes in place
-    before: Array  # of the same shape
-    applied: Array  # (n-1, 2) impulses of the joints in the last step [N m s]
-    angle: Array  # (steps, n-1, 2) references of the next call [rad]
-    rate: Array  # (steps, n-1, 2) [rad/s]
-    torque: Array  # (n-1, 2) filled with the torques of the last step [N m]
-    total: Table[LoopReport]  # (1,) of all calls
-    shown: tuple[Any, ...]  # see `loops.show`
-
-
-@entry
-def go_on(going: Going) -> int:
-    """Take steps as `loops.StepsInPlace.take` does; return 1, or 0 without a step."""
-    following = going.following
-    count = len(following.angle)
-    if following.settling[0] - count < going.pause_ends:
-        return 0
-    copy_numbers(going.angle, following.angle)
-    copy_numbers(going.rate, following.rate)
-    copy_numbers(going.block, going.before)
-    if begin_next(following) == 0:
-        return 0
-    call_code(going.code, going.address)
-    report = following.report[0]
-    if report.steps != count:
-        copy_numbers(going.before, going.block)
-        return 0
-    if going.pause_ends > -math.inf:
-        following.settling[0] -= count
-    following.pushes.clock[0] += count
-    add_up(going.total[0], report)
-    for j in range(len(going.torque)):
-        for k in range(2):
-            going.torque[j, k] = going.applied[j, k] / going.dt
-    show(going.shown)
-    return 1
+from snake_sim_ros.stepping.steps import LoopReport
 
 
 class Batch:
@@ -109,7 +62,7 @@ class Batch:
         self._totals: Any = record_array(count, LoopReport)
         self._noted = np.zeros(count, np.int64)  # unconverged steps that the simulations know of
         self._calls, self._values = np.zeros((count, 2), np.int64), np.zeros(count, np.int64)
-        self._in_place: list[tuple[StepsInPlace, BoundCall] | None] = [None] * count
+        self._places: list[StepsInPlace | None] = [None] * count
         self._goes_on = np.zeros(count, bool)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self._threads = threads
@@ -137,6 +90,7 @@ class Batch:
             for i in np.flatnonzero(self._goes_on):
                 self.simulation(int(i))
             self.angle, self.rate = np.empty(angle.shape), np.empty(angle.shape)
+            self._places = [None] * len(self.q)
         self.angle[...], self.rate[...] = angle, rate
         rows = np.arange(len(self.q)) if rows is None else np.asarray(rows)
         self._values[rows] = 0
@@ -151,28 +105,19 @@ class Batch:
 
     def simulation(self, i: int) -> Simulation:
         """Return a simulation, with which one may do everything before the next call."""
-        simulation, total = self._simulations[i], self._totals[i : i + 1]
-        if found := self._in_place[i]:
-            place = found[0]
-            if steps := int(total['steps'][0]):
-                simulation.step_count += steps
-                rest = place.level, place.left
-                last = as_report(place.steps.report[0], self.torque[i].copy(), place.dt, *rest)
-                both = as_report(total[0], last.joint_torque, place.dt, *rest)
-                simulation.last = last
-                simulation.report += both
-            total[:] = np.zeros(1, total.dtype)
-            self._in_place[i], self._goes_on[i] = None, False
+        simulation, place = self._simulations[i], self._places[i]
+        if place and self._goes_on[i]:
+            simulation.step_count += int(self._totals['steps'][i])
+            # What was handed out before may change no more.
+            place.given_state = place.given_history = None
+            self._goes_on[i] = False
         self._noted[i] = simulation.report.unconverged
         return simulation
 
     def now(self, i: int) -> tuple[Scene, State, History]:
         """Return scene, state and history of a simulation, to be read."""
-        simulation, found = self._simulations[i], self._in_place[i]
-        if not found:
-            return simulation.scene, simulation.state, simulation.history
-        place = found[0]
-        return simulation.scene, place.read_state(), place.end.history(place.steps)
+        simulation = self._simulations[i]
+        return simulation.scene, simulation.present_state, simulation.present_history
 
     def put(self, i: int, simulation: Simulation) -> None:
         """Put a simulation in the place of another one, or one that has changed."""
@@ -190,22 +135,17 @@ class Batch:
         simulation = self.simulation(i)
         simulation.advance(self.angle[i], self.rate[i])
         self._look(i)
-        if not COMPILES or simulation.pushes or simulation.budget.share:
+        if simulation.pushes or simulation.budget.share:
             return
         place = simulation.go_on_in_place(self.angle.shape[1])
         if not place:
             return
-        # What was handed out before may change no more.
-        place.given_state = place.given_history = None
+        if place is not self._places[i]:
+            arrays = self.angle[i], self.rate[i], self.q[i], self.u[i], self.torque[i]
+            self._calls[i] = place.bind(Shared(*arrays, self._totals[i : i + 1]))
+            self._places[i] = place
         place.steps.pushes.clock[0] = simulation.step_count
-        going = Going(
-            place.loop.code, place.loop.address, place.following, place.pause_ends, place.dt,
-            place.block, place.before, place.applied, self.angle[i], self.rate[i], self.torque[i],
-            self._totals[i : i + 1], place.end.shown(place.steps, self.q[i], self.u[i]),
-        )  # fmt: skip
-        call = BoundCall(go_on, Block(going))
-        self._in_place[i], self._goes_on[i] = (place, call), True
-        self._calls[i] = call.code, call.address
+        self._goes_on[i] = True
 
     def _look(self, i: int) -> None:
         """Take over state and torques of a simulation."""

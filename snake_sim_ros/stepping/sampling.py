@@ -229,16 +229,17 @@ def command_of(controller: Controller, scene: Scene) -> Command:
 
     def control(simulation: 'Simulation') -> Reference:
         nonlocal before
-        state, wrench, read = simulation.state, None, None
+        state, wrench, read = simulation.present_state, None, None
         if contacts:
-            wrench = contact_wrenches(scene, state, simulation.history)
+            wrench = contact_wrenches(scene, state, simulation.present_history)
         if imus:
-            before = state.u[:, :3] if before is None else before
+            before = state.u[:, :3].copy() if before is None else before
             read = imu_readings(scene.gravity, state.q, state.u, before, controller.period)
             before = state.u[:, :3].copy()
         measured = Measured(
             *simulation.joint_motion(), simulation.joint_torque,
-            state.q[:, :3] if poses else None, state.q[:, 3:] if poses else None, wrench, read,
+            state.q[:, :3].copy() if poses else None, state.q[:, 3:].copy() if poses else None,
+            wrench, read,
         )  # fmt: skip
         return controller.control(measured, simulation.time)
 
@@ -291,10 +292,10 @@ class Portions:
             self.samples.after(done).take(every)
             self.joint_steps.append(joint_rows(simulation.scene.robot, every))
         elif self.command and not self._is_whole(len(reference[0])):
-            simulation.advance(*reference)  # in place, up to the next sample at most
+            simulation.take(*reference)  # in place, up to the next sample at most
             self._add_sample()
         else:
-            simulation.advance(*reference, self.samples.after(self.done))
+            simulation.take(*reference, self.samples, self.done)
         compiled = simulation.compile_seconds - compiled
         seconds = time.perf_counter() - begin - compiled
         self.seconds += seconds
@@ -328,15 +329,16 @@ class Portions:
     def _add_sample(self) -> None:
         """Keep the present state if it is a sample."""
         simulation, samples, done = self.simulation, self.samples, self.done
-        if simulation.report.failure or done % samples.every:
+        if done % samples.every or simulation.has_failed:
             return
         last, history = simulation.last, simulation.present_history
         span = last_span(simulation.scene, history)
-        samples.add(done - 1, simulation.state, history, last.joint_torque, span)
+        samples.add(done - 1, simulation.present_state, history, last.joint_torque, span)
         samples.is_planar[done // samples.every - 1] = last.level == 'planar'
 
     def over(self) -> bool:
         """Return whether no further step is taken."""
-        report, limits = self.simulation.report, self.limits
-        ended = self.seconds > limits.seconds or report.unconverged >= limits.unconverged
-        return ended or bool(report.failure)
+        simulation, limits = self.simulation, self.limits
+        if self.seconds > limits.seconds or simulation.has_failed:
+            return True
+        return self.is_cautious and simulation.report.unconverged >= limits.unconverged

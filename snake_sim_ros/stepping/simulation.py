@@ -16,6 +16,7 @@ import time
 import numpy as np
 
 from snake_sim_ros.contact.placing import world_geometry
+from snake_sim_ros.dynamics.compilation import COMPILES
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.gait import Gait
@@ -65,6 +66,7 @@ class GaitAhead:
     def __init__(self, scene: Scene) -> None:
         self.scene, self.first = scene, 0
         self.angle, self.rate = np.zeros((2, 0, scene.robot.link_count - 1, 2))
+        self.ahead: Array = np.zeros(0)  # steps to the middle of the next ones
 
     def reference(self, step: int, count: int) -> tuple[Array, Array]:
         """
@@ -96,7 +98,9 @@ class GaitAhead:
 
     def midpoints(self, step: int, count: int) -> Array:
         """Return the times at the middle of some steps, shape (count,) [s]."""
-        return (step + 0.5 + np.arange(count)) * self.scene.dt
+        if len(self.ahead) != count:
+            self.ahead = 0.5 + np.arange(count)
+        return (step + self.ahead) * self.scene.dt
 
 
 class IterationBudget:
@@ -183,10 +187,6 @@ class Simulation:
     ----------
     step_count : int
         Number of steps since the simulation was made; a reset does not change it.
-    report : Report
-        Report of all steps since the start or the last reset.
-    last : Report
-        Report of the last call of `advance`.
     budget : IterationBudget
         What the steps of a call without samples share, if anything.
     pushes : Pushes
@@ -202,13 +202,14 @@ class Simulation:
         self.budget = IterationBudget()
         self._in_place: StepsInPlace | None = None
         self._joints: JointReader | None = None
+        self._samples: Samples | None = None  # of the last call
         self.reset()
 
     def reset(self) -> None:
         """Return the robot to the start of the scene; time continues."""
         self._go_on_from(initial_state(self.scene), self.stepper.empty_history())
         axes = (self.scene.robot.link_count - 1, 2)
-        self.report = self.last = Report(joint_torque=np.zeros(axes))
+        self._report = self._last = Report(joint_torque=np.zeros(axes))
 
     def compile(self, wave: Gait | None = None, levels: Sequence[str] = LEVELS) -> float:
         """
@@ -325,11 +326,12 @@ class Simulation:
     @property
     def joint_torque(self) -> Array:
         """Torques of the joint axes in the last step, shape (axes,) [N m]."""
-        return self.scene.robot.by_axis(self.last.joint_torque)
+        torque = self._in_place.shared.torque if self._in_place else self._last.joint_torque
+        return self.scene.robot.by_axis(torque).copy()
 
     def joint_motion(self) -> tuple[Array, Array]:
         """Return `joint_angle` and `joint_velocity` for the work of one of them."""
-        robot, state = self.scene.robot, self.state
+        robot, state = self.scene.robot, self.present_state
         if not self._joints or self._joints.robot is not robot:
             self._joints = JointReader(robot)
         angle, rate = self._joints.read(state.q, state.u)
@@ -344,8 +346,9 @@ class Simulation:
         return self.gait.reference(self.step_count, steps)
 
     def advance(
-        self, angle: Array, rate: Array | None = None, samples: Samples | None = None
-    ) -> Report:
+        self, angle: Array, rate: Array | None = None, samples: Samples | None = None,
+        begun: int = 0,
+    ) -> Report:  # fmt: skip
         """
         Take as many steps as there are references, but none between a divergence and `reset`.
 
@@ -355,6 +358,8 @@ class Simulation:
             Joint references (yaw, pitch) at `midpoints` [rad], [rad/s]. Default: rates of 0.
         samples : Samples, optional
             Filled with the samples that the steps reach.
+        begun : int, optional
+            Steps that were taken since these samples began.
 
         Returns
         -------
@@ -367,34 +372,45 @@ class Simulation:
             If an array has another shape or type. No step is taken then.
 
         """
-        if self.report.failure:
-            return self.report
-        rate = np.zeros(np.shape(angle)) if rate is None else rate
-        pushes = self.pushes.at(self.step_count)
-        going_on = None if self.budget.share else self._in_place
-        last = going_on.take(angle, rate, pushes, samples) if going_on else None
-        if not last:
-            last = self._taken(angle, rate, samples, pushes)
-        count = len(angle)
-        goes_on = last.steps == self.last.steps == count > 0 and not self._in_place
-        self._noted(last)
-        every = samples.every if samples else 0
-        # Long calls with samples are few, and those whose first sample is another are not alike.
-        is_alike = not samples or (samples.first == every and count <= MOST_IN_PLACE)
-        if goes_on and is_alike and not self.budget.share:
-            self.go_on_in_place(count, every)
-        return last
+        self.take(angle, rate, samples, begun)
+        return self.last
 
-    def go_on_in_place(self, count: int, every: int = 0) -> StepsInPlace | None:
+    def take(
+        self, angle: Array, rate: Array | None = None, samples: Samples | None = None,
+        begun: int = 0,
+    ) -> None:  # fmt: skip
+        """Take steps as `advance` does; their report is `last`, for those who need it."""
+        if self._report.failure:
+            self._last = self._report
+            return
+        rate = np.zeros(np.shape(angle)) if rate is None else rate
+        pushes, place, count = self.pushes.at(self.step_count), self._in_place, len(angle)
+        if place and not self.budget.share and place.take(angle, rate, pushes, samples, begun):
+            self.step_count += count
+            return
+        was_alike = not place and self._last.steps == count and samples is self._samples
+        self._samples = samples
+        rest = samples.after(begun) if samples and begun else samples
+        last = self._taken(angle, rate, rest, pushes)
+        # Long calls with samples are few.
+        is_short = not samples or (samples.first == samples.every and count <= MOST_IN_PLACE)
+        if was_alike and is_short and last.steps == count > 0 and not self.budget.share:
+            self.go_on_in_place(count, samples)
+
+    def go_on_in_place(self, count: int, samples: Samples | None = None) -> StepsInPlace | None:
         """
         Let calls of so many steps continue the last one in place; return them if they can.
 
-        They keep a sample after `every` steps if that divides `count`; none if it is 0.
+        They fill samples, if any are given, whose distance must divide `count`.
         """
+        every = samples.every if samples else 0
         divides = not every or count % every == 0
-        if divides and not (self._in_place or self.given or self.last.failure):
+        if COMPILES and divides and not (self._in_place or self.given or self._last.failure):
             now = self._state, self._history, self.pushes.at(self.step_count)
             self._in_place = self.stepper.in_place(count, *now, every)
+            if self._in_place:
+                self._in_place.shared.torque[...] = self._last.joint_torque
+                self._in_place.bind(samples=samples)
         return self._in_place
 
     def _taken(
@@ -408,16 +424,40 @@ class Simulation:
         else:
             last = self.stepper.advance(*now, angle, rate, samples, pushes)
         self._go_on_from(*last[:2])
+        self.step_count += last[2].steps
+        if last[2].failure:
+            last[2].failure = f't = {self.time:g} s: {last[2].failure}'
+        self._last = last[2]
+        self._report += last[2]
         return last[2]
 
-    def _noted(self, last: Report) -> Report:
-        """Count the steps of a call of `advance`, and return their report."""
-        self.step_count += last.steps
-        if last.failure:
-            last.failure = f't = {self.time:g} s: {last.failure}'
-        self.last = last
-        self.report += last
-        return last
+    @property
+    def last(self) -> Report:
+        """Report of the last call of `advance`."""
+        self._note()
+        return self._last
+
+    @property
+    def report(self) -> Report:
+        """Report of all steps since the start or the last reset."""
+        self._note()
+        return self._report
+
+    @report.setter
+    def report(self, report: Report) -> None:
+        self._note()
+        self._report = self._last = report
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether a step diverged since the start or the last reset."""
+        return bool(self._report.failure)  # no step in place does
+
+    def _note(self) -> None:
+        """Add the steps that were taken in place to the reports."""
+        if self._in_place and self._in_place.has_moved:
+            self._last, both = self._in_place.noted()
+            self._report += both
 
     @property
     def state(self) -> State:
@@ -438,12 +478,18 @@ class Simulation:
         self._go_on_from(self.state, history)
 
     @property
+    def present_state(self) -> State:
+        """The last good state, to be read until the next step changes it in place."""
+        return self._in_place.present if self._in_place else self._state
+
+    @property
     def present_history(self) -> History:
         """The impulses of the history, to be read until the next step changes them in place."""
         return self._in_place.steps.history if self._in_place else self._history
 
     def _go_on_from(self, state: State, history: History) -> None:
         """Continue from a state and its history."""
+        self._note()
         self._state, self._history, self._in_place = state, history, None
 
 

@@ -28,7 +28,7 @@ class InSpace(NamedTuple):
 @show.register(InSpace)
 @compiled
 def show_in_space(shown: InSpace) -> None:
-    """Fill coordinates and velocities of the links."""
+    """Fill coordinates and velocities of the links; a loop in space fills samples itself."""
     copy_numbers(shown.q, shown.links)
     copy_numbers(shown.u, shown.velocities)
 
@@ -70,10 +70,8 @@ class SpatialStepper(LoopStepper):
     ) -> StepsInPlace:  # fmt: skip
         """Return steps that continue from a state and its history; see `StepsInPlace`."""
         end = End(
-            state=lambda steps: lambda: State(steps.q.copy(), steps.u.copy()),
             history=lambda steps: copied(steps.history),
-            shown=lambda steps, links, velocities: InSpace(steps.q, steps.u, links, velocities),
-            filled=lambda steps, kept: lambda: None,
+            shown=lambda steps, _, q, u: InSpace(steps.q, steps.u, q, u),
         )
         calls = Calls(count, every, pushes, pitch)
-        return StepsInPlace(self, calls, (state.q, state.u), history, end)
+        return StepsInPlace(self, calls, (state.q, state.u), history, end, state)

@@ -25,8 +25,8 @@ def some_by_some(simulation, angle, rate, count=1, samples=None):
     in_place = 0
     for k in range(0, len(angle), count):
         before = simulation._in_place
-        part = samples.after(k) if samples and k < samples.every * len(samples.span) else None
-        simulation.advance(angle[k : k + count], rate[k : k + count], part)
+        kept = samples if samples and k < samples.every * len(samples.span) else None
+        simulation.advance(angle[k : k + count], rate[k : k + count], kept, k)
         in_place += count if before is not None and simulation._in_place is before else 0
         if simulation.last.failure:
             break

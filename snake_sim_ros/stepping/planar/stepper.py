@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from snake_sim_ros.dynamics.compilation import compiled, inlined
-from snake_sim_ros.dynamics.records import Block, BoundCall, entry, Loop
+from snake_sim_ros.dynamics.records import entry, Loop
 from snake_sim_ros.scene.parameters import Array, Scene
 from snake_sim_ros.scene.rotations import FLAT, product, rotation_matrices
 from snake_sim_ros.stepping.base import Inputs, Report
@@ -129,14 +129,21 @@ class InPlane(NamedTuple):
     height: Array  # (n,)
     links: Array  # (n, 7) filled
     velocities: Array  # (n, 6) filled
+    sampled_q: Array  # (m, n+2)
+    sampled_u: Array  # (m, n, 3)
+    sampled_links: Array  # (m, n, 7) filled
+    sampled_velocities: Array  # (m, n, 6) filled
 
 
 @show.register(InPlane)
 @compiled
 def show_in_plane(shown: InPlane) -> None:
-    """Fill coordinates and velocities of the links."""
+    """Fill coordinates and velocities of the links, now and at each sample."""
     joints, planar = (shown.front, shown.rear), (shown.q, shown.u, shown.tilt)
     to_space(joints, planar, shown.height, shown.links, shown.velocities)
+    planar, count = (shown.sampled_q, shown.sampled_u, shown.tilt), len(shown.sampled_q)
+    filled = shown.sampled_links, shown.sampled_velocities
+    samples_to_space(joints, planar, shown.height, count, *filled)
 
 
 @entry
@@ -268,29 +275,12 @@ class PlanarStepper(LoopStepper):
             self.remember(history.memory, steps.q, steps.u, tilt)
             return history
 
-        def in_space(steps: Steps) -> Callable[[], State]:
-            links, velocities = np.empty(state.q.shape), np.empty(state.u.shape)
-            given = self.joints, (steps.q, steps.u, tilt), height, links, velocities
-            call = BoundCall(to_space, *map(Block, given))
+        def shown(steps: Steps, kept: Samples, links: Array, velocities: Array) -> InPlane:
+            planar, record = (steps.q, steps.u, tilt), steps.record
+            filled = links, velocities, record.q, record.u, kept.q, kept.u
+            return InPlane(*self.joints, *planar, height, *filled)
 
-            def read() -> State:
-                call()
-                return State(links.copy(), velocities.copy())
-
-            return read
-
-        def filled(steps: Steps, kept: Samples) -> Callable[[], object]:
-            planar = steps.record.q, steps.record.u, tilt
-            given = self.joints, planar, height, len(kept.q), kept.q, kept.u
-            return BoundCall(samples_to_space, *map(Block, given))
-
-        end = End(
-            in_space,
-            remembered,
-            lambda steps, *filled: InPlane(*self.joints, steps.q, steps.u, tilt, height, *filled),
-            filled,
-        )
-        return StepsInPlace(self, calls, (q, u), history, end)
+        return StepsInPlace(self, calls, (q, u), history, End(remembered, shown), state)
 
     def prepare(self, state: State) -> None:
         """Compile steps in place, and what is around the loop."""

@@ -14,7 +14,7 @@ cache of the user gets all.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import as_completed, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -32,16 +32,17 @@ from snake_sim_ros.scene.parameters import load_scene, Scene, with_settings
 from snake_sim_ros.stepping.batch import Batch
 from snake_sim_ros.stepping.simulation import Simulation
 
-# Scenes by which compiled code differs, those that take longest first.
+# Scenes by which compiled code differs. With two processes each takes every other one, which is half
+# of the work: what several forms of a process need is compiled once.
 FORMS = (
     ('obstacle_aided', 'newton'),
-    ('obstacle_aided', 'bdf2'),
     ('lateral_undulation', 'newton'),
+    ('obstacle_aided', 'bdf2'),
     ('lateral_undulation', 'bdf2'),
-    ('obstacle_aided', 'paper'),
-    ('lateral_undulation', 'paper'),
-    ('patches', 'bdf2'),  # in the plane; pegs are in space with this method
     ('stairs', 'newton'),  # steps among obstacles; in a world there is more around them
+    ('obstacle_aided', 'paper'),
+    ('patches', 'bdf2'),  # in the plane; pegs are in space with this method
+    ('lateral_undulation', 'paper'),
 )
 
 
@@ -76,24 +77,31 @@ def keep_loaded(folder: Path) -> None:
         (room / path.name).write_bytes(path.read_bytes())
 
 
-def call(environment: dict[str, str], *arguments: str) -> None:
-    """Call this program in another process; raise an error if it fails."""
-    subprocess.run([sys.executable, '-m', __spec__.name, *arguments], env=environment, check=True)
-
-
 def compile_all(environment: dict[str, str]) -> None:
-    """Compile FORMS, each in a process, with a bar."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        runs = [pool.submit(call, environment, '--form', str(k)) for k in range(len(FORMS))]
-        for run in tqdm(as_completed(runs), total=len(runs), desc='compiling', unit=' forms'):
-            run.result()
+    """Compile FORMS in as many processes as there are cores, with a bar."""
+    count, numbers = os.cpu_count() or 1, range(len(FORMS))
+    parts = [list(map(str, part)) for k in range(count) if (part := numbers[k::count])]
+    with tqdm(total=len(FORMS), desc='compiling', unit=' forms') as bar:
+
+        def run(part: list[str]) -> None:
+            command = [sys.executable, '-m', __spec__.name, '--form', *part]
+            with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE) as process:
+                for _ in process.stdout or ():
+                    bar.update()
+            if process.returncode:
+                raise subprocess.CalledProcessError(process.returncode, command)
+
+        with ThreadPoolExecutor(count) as pool:
+            list(pool.map(run, parts))
 
 
 def main(arguments: Sequence[str]) -> int:
     """Fill a folder, or do a part of that; return the exit code."""
     match arguments:
-        case ['--form', number]:
-            compile_form(int(number))
+        case ['--form', *numbers]:
+            for number in numbers:
+                compile_form(int(number))
+                print(number, flush=True)
         case ['--cache']:
             compile_all(dict(os.environ))
         case ['--keep', folder]:
@@ -105,7 +113,8 @@ def main(arguments: Sequence[str]) -> int:
             with tempfile.TemporaryDirectory() as cache:
                 environment = {**os.environ, 'NUMBA_CACHE_DIR': cache}
                 compile_all(environment)
-                call(environment, '--keep', folder)
+                keep = [sys.executable, '-m', __spec__.name, '--keep', folder]
+                subprocess.run(keep, env=environment, check=True)
         case _:
             print(f'usage: python -m {__spec__.name} FOLDER|--cache', file=sys.stderr)
             return 2

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from snake_sim_ros.controllers.controller import Reference
 from snake_sim_ros.scene import gait
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import Array, Scene
@@ -120,7 +121,15 @@ class Angles(Actions):
 
 
 class Residuals(Angles):
-    """Angles that are added to those of the gait of the scene."""
+    """
+    Angles that are added to those of the gait of the scene, or of its controller.
+
+    Attributes
+    ----------
+    leads : list
+        References of the controller of each robot for the next period; None: the gait.
+
+    """
 
     state_labels = ('sine of the gait', 'cosine of the gait')
 
@@ -128,19 +137,25 @@ class Residuals(Angles):
         super().__init__(scene, places, count)
         self.low, self.high = np.full((2, len(places)), RESIDUAL) * [[-1.0], [1.0]]
         self.gait, self.now = scene.gait, np.zeros(count)
+        self.leads: list[Reference | None] = [None] * count
 
     def start(self, row: int, scene: Scene) -> None:
         """Begin without residuals."""
         self.gait, self.now[row], self.last[row] = scene.gait, 0.0, 0.0
+        self.leads[row] = None
 
     def references(self, action: Array, begin: Array, period: float) -> References:
-        """Return the gait and the straight ways from the last residuals to these."""
+        """Return what leads and the straight ways from the last residuals to these."""
         self.now = begin + period
         added, joints = super().references(action, begin, period), self.last.shape[1] // 2
 
         def references(times: Array) -> tuple[Array, Array]:
-            parts = gait.reference(self.gait, times, joints), added(times)
-            return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1]
+            angle, rate = gait.reference(self.gait, times, joints)
+            for row, lead in enumerate(self.leads):
+                if lead:
+                    angle[row], rate[row] = lead(times[row])
+            parts = added(times)
+            return angle + parts[0], rate + parts[1]
 
         return references
 

@@ -15,7 +15,7 @@ from typing import Any
 from gymnasium.spaces import Box
 import numpy as np
 
-from snake_sim_ros.learning.actions import KINDS
+from snake_sim_ros.learning.actions import KINDS, Residuals
 from snake_sim_ros.learning.tasks import Motion, TASKS
 from snake_sim_ros.scene.checked_records import nearest, ParameterError, scaled
 from snake_sim_ros.scene.parameters import Array, load_scene, Scene, steps_in, with_settings
@@ -25,6 +25,8 @@ from snake_sim_ros.stepping.controlled import command_effort
 from snake_sim_ros.stepping.exact_sensors import contact_wrenches, imu_readings
 from snake_sim_ros.stepping.sampling import (
     begun_samples,
+    Command,
+    command_of_scene,
     Ended,
     joint_motion,
     STATES,
@@ -163,6 +165,14 @@ class Snakes:
             raise ParameterError('the robot has no yaw axes: axes must be all, got yaw')
         self.task = TASKS[task](count)
         self.actions = KINDS[action](self.base, robot.axis_places[self.acting], count)
+        self._commands: list[Command | None] = [None] * count  # those that residuals are added to
+        command = command_of_scene(self.base) if isinstance(self.actions, Residuals) else None
+        self.is_led = command is not None
+        if command and command.period != self.steps:
+            raise ParameterError(
+                f'the period of the controller must be that of actions, {self.period:g} s, got '
+                f'{command.period * self.base.dt:g} s'
+            )
         low, high = self.actions.low, self.actions.high
         self.action_space = Box(-1.0, 1.0, low.shape, np.float64)
         self.action_labels = tuple(
@@ -201,10 +211,12 @@ class Snakes:
             simulation = self.batch.simulation(i)
             if simulation.scene == scene:
                 simulation.reset()
+                simulation.step_count = 0
             else:
                 simulation = Simulation(scene)
             self.batch.put(i, simulation)
             self.actions.start(i, scene)
+            self._commands[i] = command_of_scene(scene) if self.is_led else None
             self.draws[i] = each
         chosen = np.array(rows)
         self.begun[chosen], self.periods[chosen] = True, 0
@@ -237,6 +249,10 @@ class Snakes:
         if (efforts := self.actions.efforts(action)) is not None:
             for i in chosen.tolist():
                 command_effort(self.batch.simulation(i), efforts[i])
+        if isinstance(self.actions, Residuals):
+            for i in chosen.tolist():
+                if command := self._commands[i]:
+                    self.actions.leads[i] = command.control(self.batch.simulation(i))
         dt, done = self.base.dt, self.periods * self.steps
         times = (done[:, None] + 0.5 + np.arange(self.steps)) * dt
         references = self.actions.references(action, done * dt, self.period)

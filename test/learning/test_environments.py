@@ -57,6 +57,49 @@ def test_an_episode_depends_on_seed_and_actions_alone(action):
     assert (episode(env, 5, [other]) == alone).all()
 
 
+def test_a_push_of_the_scene_is_in_every_episode():
+    push = {'pushes': [{'start': 0.2, 'duration': 0.1, 'force': [0.0, 5.0, 0.0]}]}
+    pushed, still = SnakeEnv(values=push), SnakeEnv()
+    ends = []
+    for env in (pushed, pushed, still):
+        env.reset(seed=1)
+        for _ in range(10):
+            env.step(np.zeros(env.action_space.shape))
+        ends.append(env.unwrapped.snakes.batch.q[0].copy())
+    assert (ends[0] == ends[1]).all()
+    assert (ends[0] != ends[2]).any()
+
+
+@pytest.mark.parametrize(
+    ('scene', 'values'),
+    [
+        ('pegboard', {'controller.name': 'compliance', 'controller.period': 0.04}),
+        ('pegboard', {'controller.name': 'obstacle_aided', 'controller.period': 0.04}),
+        ('lateral_undulation', {'controller.name': 'oscillators', 'controller.period': 0.04}),
+        ('lateral_undulation', {'follow.points': [[0, 0], [-3, -1]], 'follow.period': 0.04}),
+    ],
+)
+def test_a_controller_leads_residuals_with_the_bits_that_it_has_alone(scene, values):
+    env = SnakeEnv(action='residual', scene=scene, values=values)
+    still = np.zeros(env.action_space.shape)
+    for _ in range(2):  # the controller begins anew with each episode
+        env.reset(seed=1)
+        for _ in range(25):
+            env.step(still)
+    base = env.unwrapped.snakes.base
+    found, alone = env.unwrapped.snakes.batch.q[0].copy(), run(base, duration=1.0, rate=25.0)
+    assert (found[:, :3] == alone.position[-1]).all()
+    env.reset(seed=1)
+    for _ in range(25):
+        env.step(still + 0.1)
+    assert (env.unwrapped.snakes.batch.q[0] != found).any()
+
+
+def test_a_controller_has_the_period_of_the_actions():
+    with pytest.raises(ParameterError, match=r'period of the controller must be .* 0\.04 s, got'):
+        SnakeEnv(action='residual', scene='pegboard', values={'controller.name': 'compliance'})
+
+
 @pytest.mark.parametrize('threads', [1, 2])
 def test_vectors_of_environments_have_the_bits_of_single_ones(threads):
     name, count = 'snake_sim_ros/Goal-v0', 3

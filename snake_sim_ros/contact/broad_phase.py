@@ -17,7 +17,8 @@ from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
-ITEMS_OF_A_CELL = 16.0  # in the mean, if all were points
+ITEMS_OF_A_CELL = 8.0  # in the mean, if all were points
+ASIDE = 1e-8  # distance from which on a point is clearly beside bounds [m]
 SLACK = 1.0000001  # on squares of distances of cells, for their rounding
 
 
@@ -34,6 +35,7 @@ class Grid(NamedTuple):
     members: Array  # the items of the cells
     low: Array  # (rows * columns,) least z of what is in a cell [m]
     high: Array  # largest z [m]
+    level: Array  # whether a cell has nothing but parts of a horizontal plane that goes on
     bounds: Array  # (items, 6) least x, y, z and largest ones [m]
     found: Array  # (items,) scratch: those that were found last
     seen: Array  # (items,) scratch: the search that saw an item last
@@ -45,13 +47,24 @@ def own_scratch(grid: Grid) -> Grid:
     return grid._replace(found=grid.found.copy(), seen=grid.seen.copy(), search=grid.search.copy())
 
 
-def make_grid(bounds: Array) -> Grid:
-    """Return the grid of items with bounds (items, 6); it has cells if there are no items."""
+def make_grid(bounds: Array, goes_on: Array | None = None) -> Grid:
+    """
+    Return the grid of items; it has no cells if there are no items.
+
+    Parameters
+    ----------
+    bounds : ndarray, shape (items, 6)
+        Least x, y, z and largest ones [m].
+    goes_on : ndarray of bool, shape (items,), optional
+        Which are triangles whose plane is continued by others on all sides. Default: none.
+
+    """
     if not len(bounds):
         nothing = np.zeros(0, dtype=int)
         return Grid(
             0.0, 0.0, 0.0, 1.0, 0, 0, np.zeros(1, dtype=int), nothing, np.zeros(0), np.zeros(0),
-            bounds.reshape(0, 6), nothing, nothing, np.zeros(1, dtype=int),
+            np.zeros(0, dtype=bool), bounds.reshape(0, 6), nothing, nothing,
+            np.zeros(1, dtype=int),
         )  # fmt: skip
     low, high = bounds[:, :2].min(axis=0), bounds[:, 3:5].max(axis=0)
     width, depth = np.maximum(high - low, 1e-3)
@@ -71,6 +84,11 @@ def make_grid(bounds: Array) -> Grid:
     least, most = np.full(rows * columns, np.inf), np.full(rows * columns, -np.inf)
     np.minimum.at(least, cell, bounds[item, 2])
     np.maximum.at(most, cell, bounds[item, 5])
+    level = least == most
+    if goes_on is None:
+        level[:] = False
+    else:
+        level[cell[~goes_on[item]]] = False
     return Grid(
         x=float(low[0]),
         y=float(low[1]),
@@ -82,6 +100,7 @@ def make_grid(bounds: Array) -> Grid:
         members=item[order],
         low=least,
         high=most,
+        level=level,
         bounds=np.ascontiguousarray(bounds),
         found=np.zeros(len(bounds), dtype=int),
         seen=np.zeros(len(bounds), dtype=int),
@@ -103,41 +122,65 @@ def cell_of(x: float, low: float, per_meter: float, count: int) -> int:
 
 @inlined
 def find_near_point(grid: Grid, c: Three, reach: float) -> int:
-    """Fill `found` with the items whose bounds are within `reach` of a point [m]; count them."""
-    count, side = 0, 1.0 / grid.per_meter
+    """
+    Fill `found` with the items whose bounds are within `reach` of a point [m]; count them.
+
+    Where all of these are level, only those are filled that are below the point, or above: what is
+    beside it is not as near.
+    """
+    count = 0
     grid.search[0] += 1
     beside = reach_beside(grid, c[2], reach)
     low_x, high_x, low_y, high_y = c[0] - beside, c[0] + beside, c[1] - beside, c[1] + beside
     if is_beside(grid, low_x, high_x, low_y, high_y, c[2] - reach):
         return count
-    first, last = (
+    columns = (
         cell_of(low_x, grid.x, grid.per_meter, grid.columns),
         cell_of(high_x, grid.x, grid.per_meter, grid.columns),
     )
-    for row in range(
+    rows = (
         cell_of(low_y, grid.y, grid.per_meter, grid.rows),
-        cell_of(high_y, grid.y, grid.per_meter, grid.rows) + 1,
-    ):
-        y = grid.y + row * side
-        dy = max(y - c[1], c[1] - y - side, 0.0)
-        for column in range(first, last + 1):
-            k = row * grid.columns + column
-            x = grid.x + column * side
-            dx = max(x - c[0], c[0] - x - side, 0.0)
-            dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
-            if dx * dx + dy * dy + dz * dz > SLACK * reach * reach:
+        cell_of(high_y, grid.y, grid.per_meter, grid.rows),
+    )
+    aside = ASIDE if is_level(grid, c, reach, columns, rows) else math.inf
+    for row in range(rows[0], rows[1] + 1):
+        for column in range(columns[0], columns[1] + 1):
+            if square_to_cell(grid, c, column, row) > SLACK * reach * reach:
                 continue
+            k = row * grid.columns + column
             for m in range(grid.begin[k], grid.begin[k + 1]):
                 item = grid.members[m]
-                if not is_first_seen(grid, item):
-                    continue
-                dx2 = max(grid.bounds[item, 0] - c[0], c[0] - grid.bounds[item, 3], 0.0)
-                dy2 = max(grid.bounds[item, 1] - c[1], c[1] - grid.bounds[item, 4], 0.0)
-                dz2 = max(grid.bounds[item, 2] - c[2], c[2] - grid.bounds[item, 5], 0.0)
-                if dx2 * dx2 + dy2 * dy2 + dz2 * dz2 <= reach * reach:
+                dx = max(grid.bounds[item, 0] - c[0], c[0] - grid.bounds[item, 3], 0.0)
+                dy = max(grid.bounds[item, 1] - c[1], c[1] - grid.bounds[item, 4], 0.0)
+                dz = max(grid.bounds[item, 2] - c[2], c[2] - grid.bounds[item, 5], 0.0)
+                is_near = dx * dx + dy * dy + dz * dz <= reach * reach
+                if is_near and max(dx, dy) <= aside and is_first_seen(grid, item):
                     grid.found[count] = item
                     count += 1
     return count
+
+
+@inlined
+def square_to_cell(grid: Grid, c: Three, column: int, row: int) -> float:
+    """Return the square of the distance of a point from what is in a cell [m^2]."""
+    k, side = row * grid.columns + column, 1.0 / grid.per_meter
+    x, y = grid.x + column * side, grid.y + row * side
+    dx, dy = max(x - c[0], c[0] - x - side, 0.0), max(y - c[1], c[1] - y - side, 0.0)
+    dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
+    return dx * dx + dy * dy + dz * dz
+
+
+@inlined
+def is_level(
+    grid: Grid, c: Three, reach: float, columns: tuple[int, int], rows: tuple[int, int]
+) -> bool:
+    """Return whether all of some cells are level that are within `reach` of a point [m]."""
+    for row in range(rows[0], rows[1] + 1):
+        for column in range(columns[0], columns[1] + 1):
+            is_near = square_to_cell(grid, c, column, row) <= SLACK * reach * reach
+            if is_near and not grid.level[row * grid.columns + column]:
+                return False
+    return True
 
 
 @inlined

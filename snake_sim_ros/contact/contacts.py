@@ -35,7 +35,6 @@ class Geometry:
     grip: Number  # factor of friction where there is more than a flat floor; `laws.grip` [1]
     gap: Number  # gap g [m]
     start_gap: Number  # depth at the start, as a gap, if any contact was deep; else 0 [m]
-    takes_part: Index  # 1 if it takes part in the step whatever its gap
     link: Index  # index of the link
     other_link: Index  # index of the link that it touches, -1 if it is no link
 

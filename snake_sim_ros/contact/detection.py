@@ -205,6 +205,7 @@ class Found(NamedTuple):
 
     closed: Array  # (contacts,) numbers of the closed contacts, the first ones
     contacts: Contacts  # gaps, points, radii and links of the closed ones
+    takes_part: Array  # (contacts,) 1 if one takes part in the step whatever its gap; it is read
     frame: Array | None  # (contacts, 3, 3) contact frames in I; None on a flat floor
 
 
@@ -255,7 +256,7 @@ def find_floor_contacts(tolerance: float, pose: Pose, found: Found) -> int:
         i = spheres.link[a]
         arm = carried_part(straight, R, i, place, a, 2)
         gap = q[i, 2] + arm - radius[a]
-        if gap <= tolerance or geometry.takes_part[a] == 1:
+        if gap <= tolerance or found.takes_part[a] == 1:
             x, y = R[i, 0, 2], R[i, 1, 2]
             closed[count] = a
             count += 1
@@ -299,7 +300,7 @@ def find_obstacle_contacts(
             for k in range(1 if hides else 0, cells):
                 gap, nx, ny, nz = ground_contact(obstacles, x, y, z, radius, k)
                 a = k * len(spheres.link) + s
-                if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
+                if gap <= tolerance or (gap < math.inf and found.takes_part[a] == 1):
                     closed[count] = a
                     count += 1
                     place_contact(contacts, a, gap, radius, beside(center[i], arm), (nx, ny, nz))
@@ -369,7 +370,7 @@ def find_world_contacts_of_capsule(world: Surroundings, search: Search, c: int, 
 @inlined
 def reach_of_world(search: Search, ball: Ball, slots: int) -> float:
     """Return the gap up to which some contacts with the world are numbered [m]."""
-    asked = is_asked(search.found.contacts.geometry.takes_part, ball.first, slots)
+    asked = is_asked(search.found.takes_part, ball.first, slots)
     return max(search.tolerance, ASKED if asked else NEARBY)
 
 
@@ -389,7 +390,7 @@ def fill_world_contacts(
         gap, normal = row[0] - ball.radius, part_of(row, 1)
         center = moved(part_of(row, 9), row[0], normal)
         remember_what(touched, k, a, center)
-        if gap <= search.tolerance or contacts.geometry.takes_part[a] == 1:
+        if gap <= search.tolerance or search.found.takes_part[a] == 1:
             search.found.closed[count] = a
             count += 1
             arm = minus(center, triple(pose.q, i))
@@ -441,7 +442,7 @@ def find_peg_contacts(
         middle = q[i, 0] + lever[0], q[i, 1] + lever[1]
         for k in range(len(obstacles.pegs)):
             a = obstacles.first_peg + k * len(capsules.link) + c
-            asked = geometry.takes_part[a] == 1
+            asked = found.takes_part[a] == 1
             if not asked and is_beyond(tolerance, obstacles.pegs, capsules, middle, c, k):
                 continue
             gap, arm, nx, ny = at_peg(obstacles.pegs, capsules, middle, (axis[0], axis[1]), c, k)
@@ -583,13 +584,13 @@ def find_pair_contacts(
         i, j, first = capsules.link[c], capsules.link[d], obstacles.first_pair + OF_PAIR * p
         between, reach = minus(triple(q, i), triple(q, j)), reaches[i] + reaches[j] + tolerance
         is_near = inner(between, between) <= reach * reach
-        if not is_near and not is_asked(geometry.takes_part, first, OF_PAIR):
+        if not is_near and not is_asked(found.takes_part, first, OF_PAIR):
             continue
         one, other = axis_at(pose, c), axis_at(pose, d)
         for k in range(OF_PAIR):
             a = first + k
             gap, place, normal = at_axes(capsules, one, other, c, d, k)
-            if gap <= tolerance or (gap < math.inf and geometry.takes_part[a] == 1):
+            if gap <= tolerance or (gap < math.inf and found.takes_part[a] == 1):
                 closed[count] = a
                 count += 1
                 on_one = beside(center[i], minus(place, triple(q, i)))

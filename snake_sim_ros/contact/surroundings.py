@@ -75,6 +75,7 @@ ORDER: Three = (0.3713906763541037, 0.5570860145311556, 0.7427813527082074)  # p
 TILT = 1e-2  # by which the axis of a capsule may tilt until it lies on its other contact [rad]
 SHARP = 1e-9  # part of a unit vector up to which it is in a cone
 FLAT = 1e-6  # sine of the angle between faces up to which they have no edge
+COPLANAR = 1e-9  # the same up to which a face continues another
 BESIDE = 1e-6  # where it is looked whether an edge continues in another solid [m]
 LEVEL = 1e-9  # difference of distances from a pipe that counts [m]
 CROSSING = 0.05  # sine of an angle of axis and edge from which on they meet in one point
@@ -179,7 +180,7 @@ def _shared_arrays(world: World) -> dict[str, Any]:
     a, b, c = (vertices[corners[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    edges, edge_solid, tips, tip_edges, tip_solid = _ridges(
+    (edges, edge_solid, tips, tip_edges, tip_solid), goes_on = _ridges(
         solids, vertices, corners, normals, of_faces
     )
     pole_rows, pipe_rows = _axes(solids.poles), _axes(solids.pipes)
@@ -221,7 +222,7 @@ def _shared_arrays(world: World) -> dict[str, Any]:
             solids.box_grip, solids.poles[:, -1], solids.pipes[:, -1],
             [mesh.grip for mesh in solids.meshes],
         ]),
-        'pieces': make_grid(piece_bounds),
+        'pieces': make_grid(piece_bounds, np.concatenate([np.zeros(first_mesh, bool), goes_on])),
         'ridges': make_grid(ridge_bounds),
     }  # fmt: skip
 
@@ -235,9 +236,14 @@ def _axes(bars: Array) -> Array:
 
 def _ridges(
     solids: Solids, vertices: Array, corners: Array, normals: Array, of_faces: Array
-) -> tuple[Array, Array, Array, list[Array], Array]:
-    """Return edges and their solids, and corners, the edges at each, and their solids."""
+) -> tuple[tuple[Array, Array, Array, list[Array], Array], Array]:
+    """
+    Return edges and their solids, corners, the edges at each, and their solids; and `goes_on`.
+
+    That is as of `broad_phase.make_grid`.
+    """
     edges, edge_solid, tips, tip_edges, tip_solid = [np.zeros((0, 4, 3))], [], [], [], []
+    goes_on = np.zeros(0, dtype=bool)
     signs = np.array([(i, j) for i in (-1.0, 1.0) for j in (-1.0, 1.0)])
     for k, (center, half, axes) in enumerate(
         zip(solids.box_center, solids.box_half, solids.box_axes, strict=True)
@@ -254,23 +260,24 @@ def _ridges(
             tip_edges.append(-side[:, None] * axes)
             tip_solid.append(k)
     if len(corners):
-        found = _ridges_of_triangles(vertices, corners, normals)
+        found, goes_on = _ridges_of_triangles(vertices, corners, normals)
         edges.append(found[0])
         edge_solid += of_faces[found[1]].tolist()
         tips += list(vertices[found[2]])
         tip_edges += found[3]
         tip_solid += of_faces[found[4]].tolist()
-    return (
+    ridges = (
         np.ascontiguousarray(np.concatenate(edges)), np.array(edge_solid, dtype=int),
         np.array(tips).reshape(-1, 3), tip_edges, np.array(tip_solid, dtype=int),
     )  # fmt: skip
+    return ridges, goes_on
 
 
 def _ridges_of_triangles(
     vertices: Array, corners: Array, normals: Array
-) -> tuple[Array, Array, Array, list[Array], Array]:
+) -> tuple[tuple[Array, Array, Array, list[Array], Array], Array]:
     """
-    Return the convex edges and pointed corners of triangles.
+    Return the convex edges and pointed corners of triangles, and which triangles go on.
 
     Returns
     -------
@@ -282,6 +289,8 @@ def _ridges_of_triangles(
     tip_edges : list of ndarray, shape (., 3)
         Directions of all edges from there.
     tip_face : ndarray of int, shape (c,)
+    goes_on : ndarray of bool, shape (t,)
+        Those whose plane is continued by others on all sides, at edges and corners.
 
     """
     ends = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
@@ -301,7 +310,12 @@ def _ridges_of_triangles(
         way = vertices[opposite[side]] - a
         way -= (way * along).sum(axis=1, keepdims=True) * along
         into.append(way / np.linalg.norm(way, axis=1, keepdims=True))
-    bends = (normals[face[one]] * into[1]).sum(axis=1) < -FLAT
+    bend = (normals[face[one]] * into[1]).sum(axis=1)
+    bends = bend < -FLAT
+    folds = (normals[face[one]] * normals[face[other]]).sum(axis=1) < 0.0
+    ends_plane = np.zeros(len(vertices), dtype=bool)
+    ends_plane[ends[one[(np.abs(bend) > COPLANAR) | folds | (count != 2)]]] = True
+    goes_on = np.logical_not(ends_plane[corners].any(axis=1))
     convex = np.flatnonzero(bends | (count == 1))
     edges = np.stack([a, b, *into], axis=1)[convex]
     meeting = np.bincount(ends[one[convex]].ravel(), minlength=len(vertices))
@@ -313,7 +327,7 @@ def _ridges_of_triangles(
     from_all, directions, faces = from_all[order], directions[order], faces[order]
     begin, end = np.searchsorted(from_all, tips), np.searchsorted(from_all, tips, side='right')
     at = [directions[i:j] for i, j in zip(begin, end, strict=True)]
-    return edges, face[one[convex]], tips, at, faces[begin]
+    return (edges, face[one[convex]], tips, at, faces[begin]), goes_on
 
 
 @inlined

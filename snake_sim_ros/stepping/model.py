@@ -83,6 +83,7 @@ class Workspace(NamedTuple):
     chain: Chain  # the links as a tree, about O
     pairs: Delassus | None  # of the contacts of two links; None on a flat floor
     closed: Array  # (c,) begins with the numbers of the closed contacts
+    takes_part: Array  # (c,) as of `contact.detection.Found`
     operator: Operator  # of the contacts, for `bdf2`
     contacts: Contacts  # all contacts of the scene, see `contact.problem`
 
@@ -168,6 +169,7 @@ def make_workspace(scene: Scene) -> Workspace:
         # Without pairs it has no rows: scenes with any obstacles have the same compiled code.
         pairs=None if is_flat(scene) else make_delassus(5 * of_links, n),
         closed=np.zeros(count, np.int64),
+        takes_part=np.zeros(count, np.int64),
         operator=operator_of(scene),
         contacts=make_contacts(contact_links(scene)),
     )

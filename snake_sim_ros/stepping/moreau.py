@@ -129,7 +129,7 @@ def begin_step(model: Model, work: Workspace, steps: Steps, k: int) -> Problem:
     twists(u, work.omega, work.center, chain.twist)
     reach = reach_of_step(model.closed_gap, 0.5 * model.dt)
     pose = Pose(model.robot, work.q_mid, R, work.center)
-    found = Found(work.closed, work.contacts, chain.frame)
+    found = Found(work.closed, work.contacts, work.takes_part, chain.frame)
     count = find_contacts(model.obstacles, reach, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     contact_velocities(closed, contacts, chain.frame, chain.twist)

@@ -217,6 +217,38 @@ def test_flat_triangles_are_one_floor():
         assert np.allclose(normal, [0.0, 0.0, 1.0], rtol=0.0, atol=1e-11)
 
 
+def test_neighbors_in_one_plane_leave_out_nothing():
+    """What is not looked at beside a triangle in a plane makes no contact and no depth."""
+    rng = np.random.default_rng(5)
+    heights = np.full((41, 41), 0.2)
+    heights[8:14, 8:14] += rng.uniform(-0.01, 0.01, (6, 6))  # rough
+    heights[25, 25] += 1e-7  # almost level
+    heights[:, 30:] += 0.03 * np.arange(11)  # a ramp
+    field = HeightField(heights=tuple(map(tuple, heights.tolist())), cell=0.02)
+    slab = Box(center=(0.15, 0.6, 0.1), size=(0.1, 0.1, 0.2))  # in the level of the field
+    scene = scene_of(World(height_fields=(field,), boxes=(slab,)))
+    world, shapes = (
+        make_surroundings(scene),
+        (scene.robot.chain.spheres, scene.robot.chain.capsules),
+    )
+    assert 0.3 < world.pieces.level.mean() < 0.8
+    pieces = world.pieces._replace(level=np.zeros_like(world.pieces.level))
+    all_round = world._replace(pieces=pieces)
+    points = rng.uniform(-0.02, 0.82, (2000, 2))
+    points[:400] = 0.02 * rng.integers(0, 41, (400, 2)) + rng.choice([0.0, 1e-13, 1e-9], (400, 2))
+    found = 0
+    for x, y in points:
+        q = at((x, y, 0.2 + RADIUS + rng.choice([-1e-3, 0.0, 1e-4])))
+        one, other = (world_geometry(scene, q, each) for each in (world, all_round))
+        assert np.allclose(one[0], other[0], rtol=0.0, atol=ROUNDING)
+        touch = np.isfinite(one[0])
+        assert np.allclose(one[2][touch], other[2][touch], rtol=0.0, atol=1e-7)
+        depths = [depth_of_robot(each, *shapes, q) for each in (world, all_round)]
+        assert abs(depths[0] - depths[1]) < ROUNDING
+        found += touch.any()
+    assert found > 1000
+
+
 def test_a_wall_of_bricks_is_one_wall():
     bricks = [
         Box(center=(0.0, 0.2 * j + 0.1 * (k % 2), 0.05 + 0.1 * k), size=(0.2, 0.2, 0.1))

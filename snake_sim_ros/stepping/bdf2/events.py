@@ -247,16 +247,16 @@ def deep_contacts_take_part(model: Model, work: Workspace, q: Array) -> bool:
     found, contacts = False, work.contacts
     link_frames(q[:, 3:], work.R)
     pose = Pose(model.robot, q, work.R, work.center)
-    table = Found(work.closed, contacts, work.chain.frame)
+    table = Found(work.closed, contacts, work.takes_part, work.chain.frame)
     count = find_contacts(model.obstacles, -DEEP, pose, table)
     for a in work.closed[:count]:
-        if contacts.geometry.takes_part[a] == 0:
-            contacts.geometry.takes_part[a], found = 1, True
+        if work.takes_part[a] == 0:
+            work.takes_part[a], found = 1, True
     return found
 
 
 @inlined
-def forget_who_took_part(contacts: Contacts) -> None:
+def forget_who_took_part(work: Workspace) -> None:
     """Let contacts take part in the next part of a step by their gaps alone."""
-    for a in range(len(contacts)):
-        contacts.geometry.takes_part[a] = 0
+    for a in range(len(work.takes_part)):
+        work.takes_part[a] = 0

@@ -185,11 +185,11 @@ def begin_part(
     smooth_momentum(model.robot, h, velocities, work.R, work.center, chain.momentum)
     reach = max(model.closed_gap, LANDING_SPEED * h_q)
     pose = Pose(model.robot, work.q_mid, work.R, work.center)
-    found = Found(work.closed, work.contacts, chain.frame)
+    found = Found(work.closed, work.contacts, work.takes_part, chain.frame)
     count = find_contacts(model.obstacles, reach, pose, found)
     closed, contacts = work.closed[:count], work.contacts
     for a in closed:
-        contacts.geometry.takes_part[a] = 1
+        work.takes_part[a] = 1
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     leave_gaps(model, h_q, terms.late, closed, contacts, history.impulse)
     add_viscous_friction(model.laws.other, h, closed, contacts, chain)
@@ -344,7 +344,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
     report.contacts = 0
     keep_state(steps.q, steps.u, own.q_start, own.u_start)
     place = first_place(model.dt, model.path_tolerance, steps.pushes, k, memory)
-    forget_who_took_part(work.contacts)
+    forget_who_took_part(work)
     while place.done < TICKS:
         dt, late = part_of(place, model.dt)
         end_references(model.dt, late, known, (angle, rate), memory, ends)
@@ -365,7 +365,7 @@ def bdf2_step(own: Bdf2Arrays, model: Model, work: Workspace, steps: Steps, k: i
                 is_taken, size = False, place.size // 2
         if is_taken:
             take_part(own, model, work, dt, part, steps)
-            forget_who_took_part(work.contacts)
+            forget_who_took_part(work)
         else:
             copy_history(own.kept, of_contacts(steps.history))
         place = next_place(place, is_taken, size, steps.pushes, memory)

@@ -215,7 +215,7 @@ def rate_of_change(
     balance(model, work, motion)
     y_dot[-2] = joint_torques(model, waves, t, y, chain.torque)
     pose = Pose(model.robot, work.q_mid, work.R, work.center)
-    found = Found(work.closed, work.contacts, chain.frame)
+    found = Found(work.closed, work.contacts, work.takes_part, chain.frame)
     closed = work.closed[: find_contacts(model.obstacles, 0.0, pose, found)]
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     penalty_forces(law, model.laws, closed, contacts, model.robot.mass)

@@ -121,19 +121,23 @@ def cell_of(x: float, low: float, per_meter: float, count: int) -> int:
 
 
 @inlined
-def find_near_point(grid: Grid, c: Three, reach: float) -> int:
+def find_near_point(grid: Grid, c: Three, reach: float) -> tuple[int, bool]:
     """
-    Fill `found` with the items whose bounds are within `reach` of a point [m]; count them.
+    Fill `found` with the items whose bounds are within `reach` of a point [m].
 
-    Where all of these are level, only those are filled that are below the point, or above: what is
-    beside it is not as near.
+    Returns
+    -------
+    count : int
+        How many they are.
+    is_level : bool
+        Whether all cells within reach are level. Only items below the point, or above, are found
+        then: what is beside it is not as near.
+
     """
-    count = 0
-    grid.search[0] += 1
     beside = reach_beside(grid, c[2], reach)
     low_x, high_x, low_y, high_y = c[0] - beside, c[0] + beside, c[1] - beside, c[1] + beside
     if is_beside(grid, low_x, high_x, low_y, high_y, c[2] - reach):
-        return count
+        return 0, False
     columns = (
         cell_of(low_x, grid.x, grid.per_meter, grid.columns),
         cell_of(high_x, grid.x, grid.per_meter, grid.columns),
@@ -142,45 +146,49 @@ def find_near_point(grid: Grid, c: Three, reach: float) -> int:
         cell_of(low_y, grid.y, grid.per_meter, grid.rows),
         cell_of(high_y, grid.y, grid.per_meter, grid.rows),
     )
-    aside = ASIDE if is_level(grid, c, reach, columns, rows) else math.inf
+    count = find_in_cells(grid, c, reach, ASIDE, (columns, rows))
+    if count >= 0:
+        return count, True
+    return find_in_cells(grid, c, reach, math.inf, (columns, rows)), False
+
+
+@inlined
+def find_in_cells(
+    grid: Grid, c: Three, reach: float, aside: float, cells: tuple[tuple[int, int], ...]
+) -> int:
+    """
+    Fill the items of `find_near_point` that are beside the point by `aside` at most [m].
+
+    `cells` are the first and last columns and rows. Return how many items they are; -1 if `aside`
+    is finite and a cell is not level.
+    """
+    count, side, square = 0, 1.0 / grid.per_meter, SLACK * reach * reach
+    grid.search[0] += 1
+    columns, rows = cells
     for row in range(rows[0], rows[1] + 1):
+        y = grid.y + row * side
+        dy = max(y - c[1], c[1] - y - side, 0.0)
         for column in range(columns[0], columns[1] + 1):
-            if square_to_cell(grid, c, column, row) > SLACK * reach * reach:
-                continue
             k = row * grid.columns + column
+            x = grid.x + column * side
+            dx = max(x - c[0], c[0] - x - side, 0.0)
+            dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
+            if dx * dx + dy * dy + dz * dz > square:
+                continue
+            if aside < math.inf and not grid.level[k]:
+                return -1
+            if max(dx, dy) > aside:
+                continue
             for m in range(grid.begin[k], grid.begin[k + 1]):
                 item = grid.members[m]
-                dx = max(grid.bounds[item, 0] - c[0], c[0] - grid.bounds[item, 3], 0.0)
-                dy = max(grid.bounds[item, 1] - c[1], c[1] - grid.bounds[item, 4], 0.0)
-                dz = max(grid.bounds[item, 2] - c[2], c[2] - grid.bounds[item, 5], 0.0)
-                is_near = dx * dx + dy * dy + dz * dz <= reach * reach
-                if is_near and max(dx, dy) <= aside and is_first_seen(grid, item):
+                dx2 = max(grid.bounds[item, 0] - c[0], c[0] - grid.bounds[item, 3], 0.0)
+                dy2 = max(grid.bounds[item, 1] - c[1], c[1] - grid.bounds[item, 4], 0.0)
+                dz2 = max(grid.bounds[item, 2] - c[2], c[2] - grid.bounds[item, 5], 0.0)
+                is_near = dx2 * dx2 + dy2 * dy2 + dz2 * dz2 <= reach * reach
+                if is_near and max(dx2, dy2) <= aside and is_first_seen(grid, item):
                     grid.found[count] = item
                     count += 1
     return count
-
-
-@inlined
-def square_to_cell(grid: Grid, c: Three, column: int, row: int) -> float:
-    """Return the square of the distance of a point from what is in a cell [m^2]."""
-    k, side = row * grid.columns + column, 1.0 / grid.per_meter
-    x, y = grid.x + column * side, grid.y + row * side
-    dx, dy = max(x - c[0], c[0] - x - side, 0.0), max(y - c[1], c[1] - y - side, 0.0)
-    dz = max(grid.low[k] - c[2], c[2] - grid.high[k], 0.0)
-    return dx * dx + dy * dy + dz * dz
-
-
-@inlined
-def is_level(
-    grid: Grid, c: Three, reach: float, columns: tuple[int, int], rows: tuple[int, int]
-) -> bool:
-    """Return whether all of some cells are level that are within `reach` of a point [m]."""
-    for row in range(rows[0], rows[1] + 1):
-        for column in range(columns[0], columns[1] + 1):
-            is_near = square_to_cell(grid, c, column, row) <= SLACK * reach * reach
-            if is_near and not grid.level[row * grid.columns + column]:
-                return False
-    return True
 
 
 @inlined

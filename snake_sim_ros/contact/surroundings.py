@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from snake_sim_ros.contact.broad_phase import (
+    ASIDE,
     find_near_axis,
     find_near_point,
     Grid,
@@ -496,10 +497,11 @@ def find_places_of_sphere(
     """
     touched, count = world.touched, 0
     touched.left_out[0] = math.inf
-    for k in range(find_near_point(world.pieces, c, radius + reach)):
+    found, is_level = find_near_point(world.pieces, c, radius + reach)
+    for k in range(found):
         item = world.pieces.found[k]
         near = nearest_on_piece(world, item, c)
-        if near.distance <= radius + reach:
+        if near.distance <= radius + reach and not (is_level and is_aside(near)):
             count = note_place(touched, count, c, near, item, world.solid[item])
     hides = hides_floor(world, count, c)
     for a in range(count):
@@ -518,10 +520,18 @@ def find_places_of_sphere(
 
 
 @inlined
+def is_aside(near: Near) -> bool:
+    """Return whether a point is clearly beside the nearest one, seen from above."""
+    x, y, _ = times(near.distance, near.normal)
+    return x * x + y * y > ASIDE * ASIDE
+
+
+@inlined
 def depth_of_sphere(world: Surroundings, c: Three, radius: float) -> float:
     """Return how deep a sphere is in the world [m], 0 if it is beside."""
     deepest, nearest, facing = 0.0, math.inf, 1.0
-    for k in range(find_near_point(world.pieces, c, radius)):
+    found, _ = find_near_point(world.pieces, c, radius)
+    for k in range(found):
         item = world.pieces.found[k]
         near = nearest_on_piece(world, item, c)
         if not is_triangle(world, item):
@@ -602,7 +612,8 @@ def continues(world: Surroundings, p: Three, solid: int) -> bool:
     """Return whether a point is in or on the floor or a solid other than a given one."""
     if p[2] <= SAME:
         return True
-    for k in range(find_near_point(world.pieces, p, SAME)):
+    found, _ = find_near_point(world.pieces, p, SAME)
+    for k in range(found):
         item = world.pieces.found[k]
         if world.solid[item] != solid and nearest_on_piece(world, item, p).distance <= SAME:
             return True

@@ -372,6 +372,8 @@ class Simulation:
             If an array has another shape or type. No step is taken then.
 
         """
+        if self.has_failed:
+            return self.report
         self.take(angle, rate, samples, begun)
         return self.last
 
@@ -380,21 +382,20 @@ class Simulation:
         begun: int = 0,
     ) -> None:  # fmt: skip
         """Take steps as `advance` does; their report is `last`, for those who need it."""
-        if self._report.failure:
-            self._last = self._report
+        if self.has_failed:
             return
         rate = np.zeros(np.shape(angle)) if rate is None else rate
-        pushes, place, count = self.pushes.at(self.step_count), self._in_place, len(angle)
+        pushes, place = self.pushes.at(self.step_count), self._in_place
         if place and not self.budget.share and place.take(angle, rate, pushes, samples, begun):
-            self.step_count += count
+            self.step_count += len(angle)
             return
-        was_alike = not place and self._last.steps == count and samples is self._samples
+        before = 0 if place or samples is not self._samples else self._last.steps
         self._samples = samples
         rest = samples.after(begun) if samples and begun else samples
-        last = self._taken(angle, rate, rest, pushes)
+        last, count = self._taken(angle, rate, rest, pushes), len(angle)
         # Long calls with samples are few.
         is_short = not samples or (samples.first == samples.every and count <= MOST_IN_PLACE)
-        if was_alike and is_short and last.steps == count > 0 and not self.budget.share:
+        if before == last.steps == count > 0 and is_short and not self.budget.share:
             self.go_on_in_place(count, samples)
 
     def go_on_in_place(self, count: int, samples: Samples | None = None) -> StepsInPlace | None:
@@ -439,7 +440,7 @@ class Simulation:
 
     @property
     def report(self) -> Report:
-        """Report of all steps since the start or the last reset."""
+        """Report of all steps since the start or the last reset; who sets it sets `last`, too."""
         self._note()
         return self._report
 

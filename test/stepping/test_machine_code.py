@@ -25,11 +25,14 @@ machine_code.FORMS = (('lateral_undulation', 'newton'),)
 RUN = """
 from snake_sim_ros import Simulation, load_scene
 from snake_sim_ros.dynamics.compilation import watched
+from snake_sim_ros.stepping.samples import make_samples
 names = []
 with watched(names.append):
     simulation = Simulation(load_scene('lateral_undulation'))
     simulation.compile()
-    simulation.advance(*simulation.gait_reference(20))
+    kept = make_samples(simulation.scene, 1, 60)
+    for begun in (0, 20, 40):  # the last call goes on in place
+        simulation.advance(*simulation.gait_reference(20), kept, begun)
 print(names, simulation.state.u.tobytes().hex())
 """
 

@@ -290,6 +290,9 @@ class PlanarStepper(LoopStepper):
         calls = Calls(1, 1, NO_PUSHES, NO_PITCH)
         self.going_on(calls, state, history, (q, u, tilt)).prepare()
         self.in_space(q, u, tilt, height)
+        kept = self.no_samples
+        record = self.record_of(kept)
+        samples_to_space(self.joints, (record.q, record.u, tilt), height, 0, kept.q, kept.u)
 
     def reason(self) -> str:
         """Return why the next step is not planar, as a clause."""

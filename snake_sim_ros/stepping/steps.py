@@ -238,14 +238,10 @@ def clear_report(report: LoopReport) -> None:
     report.joint_gap_max = report.joint_twist_max = report.failed_turn = 0.0
 
 
-def report_of(steps: Steps, applied: Array, dt: float, level: str, left: str = '') -> Report:
-    """
-    Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2).
-
-    `left` is as in `base.Report`.
-    """
+def report_of(steps: Steps, applied: Array, dt: float, level: str) -> Report:
+    """Return the report of a loop whose last step, of dt [s], had joint impulses (n-1, 2)."""
     record: Any = steps.report[0]
-    return as_report(record, applied / dt, dt, level, left)
+    return as_report(record, applied / dt, dt, level, '')
 
 
 def as_report(record: Any, torque: Array, dt: float, level: str, left: str) -> Report:

@@ -65,7 +65,7 @@ def without_gain(problem: Problem, outcome: Outcome) -> Outcome:
     return Outcome(outcome.iterations, outcome.converged, residual, printed, outcome.fell_back)
 
 
-@compiled
+@inlined
 def power(closed: Array, contacts: Contacts) -> float:
     """Return ``P . gamma`` of the closed contacts without their shifts [J]."""
     solution = contacts.solution

@@ -71,7 +71,7 @@ def fill_wrenches(closed: Array, contacts: Contacts, chain: Chain) -> None:
     add_contact_wrench(closed, contacts, chain.frame, chain.wrench)
 
 
-@compiled
+@inlined
 def end_twists(closed: Array, contacts: Contacts, chain: Chain) -> None:
     """
     Fill the twists and relative velocities that the impulses lead to, (84), (86), (90)-(92).

@@ -22,7 +22,7 @@ from snake_sim_ros.dynamics.spatial_vectors import Six, Three
 from snake_sim_ros.scene.parameters import Array
 
 
-@compiled
+@inlined
 def add_contact_wrench(
     closed: Array, contacts: Contacts, frame: Array | None, wrench: Array
 ) -> None:

@@ -341,7 +341,7 @@ def prox_ellipse(x: float, y: float, a: float, b: float) -> tuple[float, float]:
     return x * aa / (t + aa), y * bb / (t + bb)
 
 
-@compiled
+@inlined
 def natural_map(
     laws: Laws, closed: Array, contacts: Contacts, enough: float
 ) -> tuple[float, float]:

@@ -106,7 +106,7 @@ def linearize(laws: Laws, closed: Array, contacts: Contacts) -> None:
             linearize_disc(rolling_disc(laws, laws.other, a), contacts, a, radius, follow)
 
 
-@compiled
+@inlined
 def normal_law(laws: Laws, center: float, anchor: float, gamma: float) -> tuple[float, float]:
     """
     Return the normal impulse that follows from a velocity, and its stiffness.
@@ -170,7 +170,7 @@ def linearize_disc(disc: Disc, contacts: Contacts, a: int, radius: float, S_N: f
     newton.S_xN[a, kind], newton.S_yN[a, kind] = S_xN, S_yN
 
 
-@compiled
+@inlined
 def disc_law(
     disc: Disc, anchor_x: float, anchor_y: float, gamma_x: float, gamma_y: float, radius: float
 ) -> tuple[float, ...]:

@@ -151,7 +151,7 @@ def make_operator(most: int, scene: Scene) -> Operator:
     )
 
 
-@compiled
+@inlined
 def law_error(
     laws: Laws, closed: Array, contacts: Contacts, fraction: float
 ) -> tuple[float, float]:
@@ -262,7 +262,7 @@ def slope_at(
     return law_error(laws, closed, contacts, fraction)[0] + joints_error(joints, fraction)[0]
 
 
-@compiled
+@inlined
 def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
     """Return what `joint_laws.axes_error` does, as a velocity; 0 if they take no part."""
     if not joints.take_part:
@@ -272,7 +272,7 @@ def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
     return slope, LEVER * residual
 
 
-@compiled
+@inlined
 def joints_residual(joints: Joints) -> float:
     """Return what `joint_laws.axes_residual` does, as a velocity; 0 if they take no part."""
     if not joints.take_part:
@@ -344,7 +344,7 @@ def largest_correction(closed: Array, contacts: Contacts) -> float:
     return largest
 
 
-@compiled
+@inlined
 def is_negligible(laws: Laws, closed: Array, contacts: Contacts, residual: float) -> bool:
     """
     Return whether any velocities up to a residual [m/s] leave the loads accurate.

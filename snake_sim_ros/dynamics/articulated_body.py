@@ -25,7 +25,7 @@ of the joint between both, and A the articulated inertia of everything from the 
 
 from typing import NamedTuple
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.spatial_vectors import (
     add,
     add_reduced,
@@ -174,7 +174,7 @@ def find_residual(chain: Chain) -> None:
         chain.residual_torque[j, 1] = chain.torque[j, 1] - d01 * rate0 - d11 * rate1
 
 
-@compiled
+@inlined
 def factor_chain(chain: Chain) -> None:
     """
     Turn link inertias into articulated-body inertias, and that of the root into its LU factors.
@@ -217,7 +217,7 @@ def fold_inertia(chain: Chain, j: int, A: Array, parent: Array) -> None:
     store(chain.right[j], 1, combine(c10, h0, c11, h1))
 
 
-@compiled
+@inlined
 def articulated_velocity(chain: Chain, torque: Array, rate: Array, twist: Array) -> None:
     """
     Fill the twists of all links that torques and chain.wrench cause on a factored chain.

@@ -59,13 +59,10 @@ if 'NUMBA_SLP_VECTORIZE' not in os.environ:
 @cache
 def dispatcher_of(function: Function) -> Any:
     """Return a function as other compiled functions call it, always the same for one."""
-    inlines = {'forceinline': True} if function.kind == 'inlined' else {}
-    return with_cache(
-        function,
-        numba.njit(no_cpython_wrapper=True, pipeline_class=LinkedCompiler, **OPTIONS, **inlines)(
-            function.py_func
-        ),
-    )
+    # An option that is not set here is that of the function for which this one is compiled.
+    options = {**OPTIONS, 'forceinline': function.kind == 'inlined'}
+    compile_linked = numba.njit(no_cpython_wrapper=True, pipeline_class=LinkedCompiler, **options)
+    return with_cache(function, compile_linked(function.py_func))
 
 
 @cache

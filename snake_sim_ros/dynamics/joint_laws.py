@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array, Robot
@@ -205,7 +205,7 @@ def resolvent(axes: AxisLaws, j: int, k: int, r: float, z: float) -> tuple[float
     return w, cut * L - slip * F, V
 
 
-@compiled
+@inlined
 def linear_law(
     axes: AxisLaws, j: int, k: int, w: float, anchor: float, K: float
 ) -> tuple[float, float]:

@@ -96,7 +96,7 @@ def rates_in_inertial_frame(R: Array, u: Array, omega: Array) -> None:
             omega[i, k] = R[i, k, 0] * u[i, 3] + R[i, k, 1] * u[i, 4] + R[i, k, 2] * u[i, 5]
 
 
-@compiled
+@inlined
 def half_rotation(
     p: tuple[float, float, float, float], omega: Three, step: float
 ) -> tuple[float, float, float, float]:
@@ -128,7 +128,7 @@ def half_rotation(
     )
 
 
-@compiled
+@inlined
 def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
     """
     Fill the coordinates at the middle of a step, eq. (72), solved in closed form for p_M.
@@ -391,7 +391,7 @@ def carried_place(straight: bool, q: Array, i: int, place: Array, row: int) -> T
     return carried(q, i, place[row, 0], place[row, 1], place[row, 2])
 
 
-@compiled
+@inlined
 def chain_coordinates(
     places: JointPlaces, mass: Array, pose: Array, angle: Array, q: Array
 ) -> None:

@@ -7,7 +7,7 @@ A vector has six numbers: a twist or a wrench. Each number may be a pair, one of
 chain; see `compilation.pair`. A symmetric matrix is the upper half of a 6x6 matrix, row by row.
 """
 
-from snake_sim_ros.dynamics.compilation import compiled, inlined, Pack, Packs, pair
+from snake_sim_ros.dynamics.compilation import inlined, Pack, Packs, pair
 from snake_sim_ros.scene.parameters import Array
 
 Three = tuple[float, float, float]
@@ -25,7 +25,7 @@ def row_of(A: Array, i: int) -> Six:
     return A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5]
 
 
-@compiled
+@inlined
 def store(A: Array, i: int, w: Six) -> None:
     """Write the tuple w to A[i]."""
     A[i, 0], A[i, 1], A[i, 2], A[i, 3], A[i, 4], A[i, 5] = w
@@ -143,7 +143,7 @@ def add_reduced(A: Array, rows: Rows, x: Six, b: Six, y: Six, c: Six) -> None:
             A[i, j] += rows[i][j] - x[i] * b[j] - y[i] * c[j]
 
 
-@compiled
+@inlined
 def factor(A: Array) -> None:
     """Replace a 6x6 matrix by its factors L and U, the diagonal of U inverted (no pivoting)."""
     for k in range(6):
@@ -154,7 +154,7 @@ def factor(A: Array) -> None:
                 A[i, j] -= A[i, k] * A[k, j]
 
 
-@compiled
+@inlined
 def solve(A: Array, w: Six) -> Six:
     """Return x with L U x = w, for the factors that `factor` left in A."""
     x0 = w[0]

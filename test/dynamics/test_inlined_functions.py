@@ -13,9 +13,14 @@ def tripled(x: float) -> float:
     return 3.0 * x
 
 
+@compiled
+def half(x: float) -> float:
+    return 0.5 * x
+
+
 @inlined
 def more(x: float) -> float:
-    return tripled(x) + 0.5
+    return tripled(x) + half(1.0)
 
 
 @compiled
@@ -37,3 +42,13 @@ def test_a_call_from_python_is_an_error():
     total(np.array([1.0]))  # now there is code of it
     with pytest.raises(TypeError):
         tripled(2.0)
+
+
+@pytest.mark.skipif(not COMPILES, reason='nothing is compiled')
+def test_what_they_call_is_not_compiled_into_them_for_that():
+    from snake_sim_ros.dynamics.compiler import dispatcher_of
+
+    total(np.array([1.0]))
+    for function, expected in ((half, False), (more, True)):
+        (found,) = dispatcher_of(function).overloads.values()
+        assert ('alwaysinline' in str(found.library._get_module_for_linking())) == expected

@@ -128,7 +128,7 @@ def half_rotation(
     )
 
 
-@inlined
+@compiled
 def middle_coordinates(dt: float, q: Array, u: Array, q_mid: Array) -> None:
     """
     Fill the coordinates at the middle of a step, eq. (72), solved in closed form for p_M.

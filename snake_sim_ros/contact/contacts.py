@@ -22,6 +22,7 @@ Number = Annotated[Array, float]  # columns, with one entry for each contact
 Index = Annotated[Array, int]
 Point = Annotated[Array, float, 3]
 Components = Annotated[Array, float, 5]
+MIXED = 8  # moves of held radii that are kept
 OfFriction = Annotated[Array, float, 2]  # one for SLIDING, one for ROLLING
 
 
@@ -77,6 +78,11 @@ class NewtonScratch:
     disc_radius: Number  # radius of the friction disc if held; FREE, CLOSE: it is P_N [N s]
     held_radius: Number  # disc radius that the next round holds [N s]
     radius_step: Number  # resulting P_N less the radius that was held [N s]
+    step_change: Number  # change of radius_step since the round before [N s]
+    radius_move: Number  # by which held_radius was moved last [N s]
+    # Earlier moves, and the changes of radius_step that they cause; see `radii.mix`.
+    moves: Annotated[Array, float, MIXED]
+    changes: Annotated[Array, float, MIXED]
     rule_center: Number  # selection_center of the step during a continuation [N s]
     is_closed: Index  # 1 while `closed` is being compared with all contacts
 

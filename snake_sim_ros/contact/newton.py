@@ -17,9 +17,9 @@ with. If these do not hold, iterations go on with all contacts on the chain.
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
-The radii follow [1]_. Where they cycle for long, a continuation leads to the solution, see
-`continuation`; if it ends on its way, they are held again. There is none where contacts may be
-condensed.
+The radii follow [1]_, see `radii`. Where they cycle for long, a continuation leads to the
+solution, see `continuation`; if it ends on its way, they are held again. All contacts are on the
+chain then.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
 residual of the laws is a velocity. Contacts that share a load in several ways answer to a velocity
@@ -53,7 +53,7 @@ from snake_sim_ros.contact.continuation import (
     PREDICTED,
     ROUGH,
 )
-from snake_sim_ros.contact.delassus import condense, condensed_twists, Delassus, make_delassus
+from snake_sim_ros.contact.delassus import condense, condensed_twists, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
@@ -76,6 +76,7 @@ from snake_sim_ros.contact.linear_problem import (
     Operator,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.balance import rates_of_twists
@@ -123,14 +124,6 @@ HELD_ITERATIONS = 30  # iterations with held radii, at most
 # steps of the radii must not be errors of the solution: their directions say how far they go.
 INEXACT_ROUNDS = 8  # rounds that solve the problem with held radii inexactly
 INEXACT, EXACT = 1e2, 0.1  # residuals of these rounds and of later ones, over the tolerance
-RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see restart_radii
-MOST_RELAXATION = 64.0  # largest share of a radius step that the radii move by
-# From this round on the share is this at most: some radii creep while others oscillate, and where
-# all converge, it is small.
-DAMPED_ROUNDS, DAMPED = 20, 0.1
-# Radius steps go one way if they repeat more than this share of the last ones: the share by which
-# the radii move is then doubled. It is halved where they turn back.
-REPEATS = 0.5
 
 
 class Newton(NamedTuple):
@@ -577,10 +570,10 @@ def iterate(
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
-    relaxation, before, least = 1.0, 0.0, math.inf
+    following, least = begin_to_follow(), math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    stage, continues, may_continue = first_stage(laws, PREDICTED), False, operator is None
+    stage, continues, may_continue = first_stage(laws, PREDICTED), False, True
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -634,12 +627,15 @@ def iterate(
         if done or (held and residual == math.inf):
             break
         if held:
-            relaxation, before = next_radii(problem, rounds, relaxation, before)
+            anchor(problem)
+            following = follow_loads(rounds, following, closed, contacts, pairs)
+            keep_round(problem)
         if held or rounds < 0:
             held = False
             rounds += 1
         elif may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
             continues, may_continue = True, False
+            keep_on_chain(operator)
             keep_centers(closed, contacts)
         else:
             held = True
@@ -653,16 +649,14 @@ def held_tolerance(rounds: int, tolerance: float) -> float:
 
 
 @inlined
-def end_held(relaxation: float, closed: Array, contacts: Contacts) -> None:
-    """Move the radii that are held by a share of their steps, and keep the end of the round."""
-    newton = contacts.newton
-    for a in closed:
-        newton.held_radius[a] = max(
-            0.0, newton.held_radius[a] + relaxation * newton.radius_step[a]
-        )
+def keep_round(problem: Problem) -> None:
+    """Keep the end of a round with held radii, from which the next one of this kind begins."""
+    newton = problem.contacts.newton
+    for a in problem.closed:
         for j in range(5):
             newton.saved_trial[a, j] = newton.trial[a, j]
             newton.saved_iterate[a, j] = newton.iterate[a, j]
+    save_axes(problem.joints.axes)
 
 
 @inlined
@@ -684,96 +678,6 @@ def begin_held(problem: Problem, returns: bool) -> None:
     if returns:
         return_axes(problem.joints.axes)
     anchor(problem)
-
-
-@inlined
-def next_radii(
-    problem: Problem, rounds: int, relaxation: float, before: float
-) -> tuple[float, float]:
-    """
-    Move the radii after a round that held them, and keep the end of the round.
-
-    `relaxation` and `before` are as in `next_relaxation`; those of the next round are returned.
-    """
-    _, closed, contacts, _, pairs, joints = problem
-    anchor(problem)
-    along, size = find_radius_steps(closed, contacts)
-    relaxation = next_relaxation(relaxation, along, before, rounds)
-    if rounds >= DAMPED_ROUNDS:
-        relaxation = min(relaxation, DAMPED)
-    restart_radii(rounds, closed, contacts, pairs)
-    end_held(relaxation, closed, contacts)
-    save_axes(joints.axes)
-    return relaxation, size
-
-
-@inlined
-def restart_radii(rounds: int, closed: Array, contacts: Contacts, pairs: Delassus | None) -> None:
-    """
-    Hold other radii if the rounds cycle: no friction, and later much of it everywhere.
-
-    The rounds have a solution to converge to, but reach it only from some starts. Robots that fold
-    onto themselves with friction of 0.6 and more reach it from one of these. Other robots have no
-    `pairs`, or none with rows; see `linear_problem.couple_pairs`.
-    """
-    newton = contacts.newton
-    if pairs is None or len(pairs.operator) == 0:
-        return
-    if rounds != RESTART_ROUNDS and rounds != 2 * RESTART_ROUNDS:
-        return
-    radius = 0.0
-    if rounds > RESTART_ROUNDS:
-        for a in closed:
-            radius = max(radius, newton.anchor[a, 0])
-    for a in closed:
-        newton.held_radius[a], newton.radius_step[a] = radius, 0.0
-
-
-@inlined
-def find_radius_steps(closed: Array, contacts: Contacts) -> tuple[float, float]:
-    """
-    Fill the differences between the normal impulses and the radii that were held for them.
-
-    Of the closed contacts, anchor and held_radius are read, and radius_step is replaced [N s].
-
-    Returns
-    -------
-    along, size : float
-        Product of the new differences with the old ones, and with themselves.
-
-    """
-    newton = contacts.newton
-    along = size = 0.0
-    for a in closed:
-        step = newton.anchor[a, 0] - newton.held_radius[a]
-        along += step * newton.radius_step[a]
-        size += step * step
-        newton.radius_step[a] = step
-    return along, size
-
-
-@inlined
-def next_relaxation(relaxation: float, along: float, before: float, rounds: int) -> float:
-    """
-    Return the share of `radius_step` by which the radii move next.
-
-    Parameters
-    ----------
-    relaxation : float
-        The share of the last round.
-    along : float
-        As `find_radius_steps` returns it.
-    before : float
-        The `size` of the round before.
-    rounds : int
-        Number of the round, from 0.
-
-    """
-    if rounds > 0 and along > REPEATS * before:
-        return min(2.0 * relaxation, MOST_RELAXATION)  # slow, in one direction: go further
-    if along < 0.0:
-        return max(0.5 * min(relaxation, 1.0), 1.0 / MOST_RELAXATION)  # it oscillates: go less far
-    return relaxation
 
 
 @solve_contacts.register(Newton)
@@ -837,6 +741,13 @@ def is_on_chain(operator: Operator | None) -> bool:
 
 
 @inlined
+def keep_on_chain(operator: Operator | None) -> None:
+    """Condense the contacts of this step no longer."""
+    if operator is not None:
+        operator.is_condensed[0] = 0
+
+
+@inlined
 def leaves_joints(problem: Problem, operator: Operator | None) -> bool:
     """
     Return whether the laws of the joints do not hold with contacts that were condensed.
@@ -849,7 +760,7 @@ def leaves_joints(problem: Problem, operator: Operator | None) -> bool:
             fill_twists(laws, closed, contacts, chain, operator)
             rates_of_twists(chain, joints.axes.rate)
             if joints_residual(joints) > laws.residual_tolerance:
-                operator.is_condensed[0] = 0
+                keep_on_chain(operator)
                 move_axes(joints.axes, (joints.torque, joints.damping), 1.0)
                 anchor_axes(joints.axes)
                 return True

@@ -10,7 +10,12 @@ from snake_sim_ros.stepping.methods import make_stepper
 
 pytestmark = pytest.mark.long
 
-LEFT_OPEN = {'friction 1.5': 0, 'wedged, friction 1.5': 0, 'curled, friction 1.5': 0}  # steps
+LEFT_OPEN = {  # steps
+    'friction 1.5': 0,
+    'wedged, friction 1.5': 1,
+    'curled, friction 1.5': 0,
+    'joint friction': 0,
+}
 
 
 def test_there_are_300_of_them():

@@ -33,18 +33,16 @@ from snake_sim_ros.contact.laws import (
 )
 from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
 from snake_sim_ros.contact.newton import (
-    end_held,
-    find_radius_steps,
     held_tolerance,
     joints_error,
     joints_residual,
     law_error,
     line_search,
     move,
-    next_relaxation,
 )
 from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Solver
 from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
+from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import forget_others, next_velocity
 from snake_sim_ros.dynamics.compilation import compiled, Dispatched, inlined
 from snake_sim_ros.dynamics.hinge_chain import factor_hinges, solve_hinges
@@ -423,7 +421,7 @@ def solve_planar_contacts(
     newton = contacts.newton
     predict_sliding(closed, contacts, history)
     iterations, residual = iterate_coupled_in_plane(model, work, closed, limit)
-    rounds, relaxation, before = 0, 1.0, 0.0
+    rounds, following = 0, begin_to_follow()
     while residual > laws.residual_tolerance and iterations < limit:
         if rounds == 0:
             predict_sliding(closed, contacts, history)
@@ -440,9 +438,7 @@ def solve_planar_contacts(
         residual = max(residual, joints_residual(joints))
         move(closed, contacts, joints, 1.0)
         anchor_what_moves(laws, closed, contacts, joints)
-        along, size = find_radius_steps(closed, contacts)
-        relaxation, before = next_relaxation(relaxation, along, before, rounds), size
-        end_held(relaxation, closed, contacts)
+        following = follow_loads(rounds, following, closed, contacts, None)
         rounds += 1
     remember_sliding(closed, contacts, history)
     converged = residual <= laws.residual_tolerance

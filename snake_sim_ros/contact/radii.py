@@ -33,9 +33,7 @@ REPEATS = 0.5
 TURN = 24  # rounds before the first mixing, of each mixing, and of small shares between them
 SMALL = 0.1  # largest share between mixings, and share of what mixing does not account for
 GROWS = 1.5  # squares of steps that grow by more than this are no longer those of one linear map
-DEPENDENT = (
-    1e-12  # a smaller square of what is left of a change is rounding, relative to all of it
-)
+DEPENDENT = 1e-8  # of the square of a change: what is left of it below this is mostly rounding
 RESTART_ROUNDS = 24  # rounds after which radii restart if links can touch; see `restart`
 
 

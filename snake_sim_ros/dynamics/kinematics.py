@@ -391,7 +391,7 @@ def carried_place(straight: bool, q: Array, i: int, place: Array, row: int) -> T
     return carried(q, i, place[row, 0], place[row, 1], place[row, 2])
 
 
-@inlined
+@compiled
 def chain_coordinates(
     places: JointPlaces, mass: Array, pose: Array, angle: Array, q: Array
 ) -> None:

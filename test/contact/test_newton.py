@@ -36,6 +36,7 @@ pytestmark = pytest.mark.long
 
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 NOT_UNIQUE = 'mu 5 step 2519'
+SEVERAL_PARTS = 'mu 5 step 5529'  # of which `bdf2` takes more than one
 PROBLEMS = problem_names()
 each_problem = pytest.mark.parametrize('name', PROBLEMS)
 each_method = pytest.mark.parametrize('method', NEWTON)
@@ -93,7 +94,7 @@ def test_other_methods_are_as_honest(method):
     # bdf2 comes from a motion that was so for a step, with loads for the time that they act. The
     # sweeps may do 300: mostly they are not done by then, and say so.
     limit = 5000 if method == 'bdf2' else 300
-    for scene, state, stored, angle, rate in load_problems().values():
+    for name, (scene, state, stored, angle, rate) in load_problems().items():
         scheme = 'average' if method == 'bdf2' else scene.pd_scheme
         solver = replace(scene.solver, iteration_limit=limit)
         settings = {'pd_scheme': scheme, 'drift_correction': 'none', 'solver': solver}
@@ -108,7 +109,9 @@ def test_other_methods_are_as_honest(method):
         if method != 'bdf2':
             step = step.after_landing(history.impulse[step.active])
         elif not report.unconverged and history.memory.dt[0] < span(scene):
-            continue  # a step of several parts, of which its end shows only the last one
+            assert name == SEVERAL_PARTS  # of which the end of the step shows only the last one
+            assert report.residual_max <= RESIDUAL
+            continue
         elif not (of_two_states(history) or report.unconverged):
             step = step.last_solved(report.joint_torque)
         P = history.impulse[step.active]

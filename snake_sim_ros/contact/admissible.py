@@ -3,11 +3,12 @@
 """
 Admissible impulses next to those of an iteration, and what is taken of them if it does not end.
 
-Contacts only take energy: the power ``P . gamma`` of the impulses with the velocities after them
-is not positive. Impulses that satisfy the laws have none that is; those of an iteration that ends
-before may drive the robot. Of admissible ones, a share s of all is admissible, since their sets
-are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is not positive up to
-``s = -P . gamma_free/(P . G P)``, the share that takes most energy.
+The rounds of a solver do not come closer to the laws one by one, so the impulses that left least
+of them are kept. Contacts only take energy: the power ``P . gamma`` of the impulses with the
+velocities after them is not positive. Impulses that satisfy the laws have none that is; those of
+an iteration that ends before may drive the robot. Of admissible ones, a share s of all is
+admissible, since their sets are cones, and has the power ``s (P . gamma_free + s P . G P)``. It is
+not positive up to ``s = -P . gamma_free/(P . G P)``, the share that takes most energy.
 """
 
 import math
@@ -23,7 +24,7 @@ from snake_sim_ros.contact.laws import (
     rolling_disc,
     sliding_disc,
 )
-from snake_sim_ros.contact.problem import Outcome, Problem
+from snake_sim_ros.contact.problem import Problem
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.scene.parameters import Array
@@ -51,18 +52,28 @@ def anchor_disc(disc: Disc, contacts: Contacts, a: int, radius: float) -> None:
     newton.anchor[a, k], newton.anchor[a, k + 1], _ = prox_scaled(disc, x, y, radius)
 
 
-@inlined
-def without_gain(problem: Problem, outcome: Outcome) -> Outcome:
+@compiled
+def keep_best(closed: Array, contacts: Contacts, residual: float, best: float) -> float:
     """
-    Return the outcome of a contact solver, with impulses that take energy if it did not converge.
+    Keep the impulses if their residual is less than the best one so far; return the least one.
 
-    Impulses, velocities and twists of the problem are replaced if the contacts would drive the
-    robot.
+    `closed` and `contacts` are those of a `problem.Problem`. Residuals are those of its laws
+    [m/s], infinite before the first one.
     """
-    residual, printed = outcome.residual, outcome.printed_residual
-    if not outcome.converged and not power(problem.closed, problem.contacts) <= 0.0:
-        residual, printed = take_energy(problem)
-    return Outcome(outcome.iterations, outcome.converged, residual, printed, outcome.fell_back)
+    if not residual < best:
+        return best
+    for a in closed:
+        for j in range(5):
+            contacts.newton.best_impulse[a, j] = contacts.solution.impulse[a, j]
+    return residual
+
+
+@inlined
+def return_best(closed: Array, contacts: Contacts) -> None:
+    """Return to the impulses of `keep_best`, without their velocities."""
+    for a in closed:
+        for j in range(5):
+            contacts.solution.impulse[a, j] = contacts.newton.best_impulse[a, j]
 
 
 @inlined
@@ -78,7 +89,7 @@ def power(closed: Array, contacts: Contacts) -> float:
 
 
 @compiled
-def take_energy(problem: Problem) -> tuple[float, float]:
+def take_admissible(problem: Problem) -> tuple[float, float]:
     """
     Fill the largest share of the admissible impulses next to the present ones that takes energy.
 

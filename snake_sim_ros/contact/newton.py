@@ -38,7 +38,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from snake_sim_ros.contact.admissible import anchor_at_iterate, without_gain
+from snake_sim_ros.contact.admissible import (
+    anchor_at_iterate,
+    keep_best,
+    return_best,
+    take_admissible,
+)
 from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
 from snake_sim_ros.contact.continuation import (
     begin_stage,
@@ -570,7 +575,7 @@ def iterate(
     tolerance = laws.residual_tolerance
     iterations, fell_back, held, done, refined = 0, False, False, False, False
     residual = printed = math.inf
-    following, least = begin_to_follow(), math.inf
+    following, least, best = begin_to_follow(), math.inf, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
     stage, continues, may_continue = first_stage(laws, PREDICTED), False, True
@@ -622,10 +627,11 @@ def iterate(
             refined = True  # once, with radii that follow
             done = loads_are_accurate(laws, closed, contacts, residual)
         if done and leaves_joints(problem, operator):
-            done, held, swept, rounds = False, False, 0, 0
+            done, held, swept, rounds, best = False, False, 0, 0, math.inf
             continue
         if done or (held and residual == math.inf):
             break
+        best = keep_best(closed, contacts, residual, best)
         if held:
             anchor(problem)
             following = follow_loads(rounds, following, closed, contacts, pairs)
@@ -639,6 +645,8 @@ def iterate(
             keep_centers(closed, contacts)
         else:
             held = True
+    if best < residual and not done:
+        return_best(closed, contacts)
     return Outcome(iterations, done, residual, printed, fell_back)
 
 
@@ -718,15 +726,26 @@ def solve_prepared(
     operator: Operator | None, problem: Problem, history: ContactHistory, limit: int
 ) -> Outcome:
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
-    laws, closed, contacts, chain, _, joints = problem
+    laws, closed, contacts, chain, _, _ = problem
     predict(laws, closed, contacts, history)
     outcome = iterate(problem, limit, operator, history)
     fill_twists(laws, closed, contacts, chain, operator)
-    outcome = without_gain(problem, outcome)
-    if joints.take_part and not outcome.converged:
-        rates_of_twists(chain, joints.axes.rate)
+    if not outcome.converged:
+        outcome = admissible_outcome(problem, outcome)
     remember(closed, contacts, history)
     return outcome
+
+
+@compiled
+def admissible_outcome(problem: Problem, outcome: Outcome) -> Outcome:
+    """Take admissible impulses; return the outcome with what they leave of all laws."""
+    laws, _, _, chain, _, joints = problem
+    residual, printed = take_admissible(problem)
+    if joints.take_part:
+        rates_of_twists(chain, joints.axes.rate)
+        residual = max(residual, joints_residual(joints))
+    converged = residual <= laws.residual_tolerance
+    return Outcome(outcome.iterations, converged, residual, printed, outcome.fell_back)
 
 
 # Numba leaves out branches on None in functions of which `operator` is an argument of its own.

@@ -733,7 +733,12 @@ class Solver(CheckedRecord):
         above=0,
     )
     iteration_limit: int = quantity(
-        5000, '1', 'iterations after which a step counts as unconverged', minimum=1, maximum=10**12
+        0,
+        '1',
+        'iterations after which a step counts as unconverged; 0: 1000 of newton and bdf2, 5000 '
+        'of paper',
+        minimum=0,
+        maximum=10**12,
     )
     r_normal: float = quantity(0.1, 'kg', 'prox parameter r_N', above=0)
     r_sliding: float = quantity(0.01, 'kg', 'prox parameter r_T', above=0)
@@ -744,6 +749,7 @@ class Solver(CheckedRecord):
 # implicit. The method bdf2 has only the implicit ones, and one law of second order for both.
 PD_SCHEMES = ('start', 'midpoint', 'average', 'end')
 LEVELS = ('auto', 'planar', 'spatial')
+NEWTON_METHODS = ('newton', 'bdf2', 'auto')
 DRIFT_CORRECTIONS = ('paper', 'center_of_mass', 'none')
 
 
@@ -804,6 +810,12 @@ class Scene(CheckedRecord):
         'what the drift correction of section VII-C holds fixed',
         choices=DRIFT_CORRECTIONS,
     )
+
+    @property
+    def iteration_limit(self) -> int:
+        """Iterations after which a step counts as unconverged, of the solver or of the method."""
+        usual = 1000 if self.method in NEWTON_METHODS else 5000
+        return self.solver.iteration_limit or usual
 
     def __post_init__(self) -> None:
         """Check every field, and what depends on several of them."""

@@ -214,7 +214,7 @@ class LevelStepper:
         self.scene, self.planar, self.spatial = scene, planar, spatial
         rigid = bool(scene.robot.links)
         limit = CHAIN_ITERATIONS if rigid else PLANAR_ITERATIONS
-        limit = min(scene.solver.iteration_limit, limit)
+        limit = min(scene.iteration_limit, limit)
         slip, share = planar.model.free_slip, AUTO_SLIP_SHARE
         if scene.accuracy > 0.0:
             length = float(scene.robot.per_link('link_length').mean())

@@ -115,7 +115,7 @@ def make_model(scene: Scene) -> Model:
         laws=make_laws(scene),
         closed_gap=min(gap, path_error) if path_error else gap,
         dt=scene.dt,
-        iteration_limit=solver.iteration_limit,
+        iteration_limit=scene.iteration_limit,
         path_tolerance=path_error,
         drift_correction=DRIFT_CORRECTIONS.index(scene.drift_correction),
         settle_steps=0,

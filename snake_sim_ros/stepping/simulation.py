@@ -420,7 +420,7 @@ class Simulation:
         """Take steps of the stepper."""
         now = self.state, self.history
         if samples is None and self.budget.share:
-            most = self.scene.solver.iteration_limit
+            most = self.scene.iteration_limit
             last = self.budget.spend(self.stepper, most, *now, (angle, rate), pushes)
         else:
             last = self.stepper.advance(*now, angle, rate, samples, pushes)

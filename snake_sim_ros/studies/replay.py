@@ -54,9 +54,6 @@ FARTHEST_OFFSET = 0.25  # s: how far an offset that is found may be from where t
 OFFSET_STEP = 0.025  # s, of the search for a start
 ALIGNED = 4  # numbers by which the path of a segment is moved and turned
 LOST = 1e3  # residual of a segment whose simulation fails, in units of the noise
-# Steps at the start of a segment take hundreds of iterations. Where contacts have no solution,
-# they took thousands, and a segment seconds.
-MOST_ITERATIONS = 1000
 START_ERROR = 5e-3  # rad, what a measured start is off by at most
 MOST_START = 0.1  # effect of such an error, in units of the noise, that is not said
 MOST_UNCONVERGED = 0.1  # share of the steps of a segment beyond which it is lost
@@ -643,7 +640,6 @@ def with_fit_steps(scene: Scene, given: Container[str] = ()) -> Scene:
         return scene
     settings = {
         'method': 'bdf2', 'dt': PERIOD, 'solver.residual_tolerance': RESIDUAL,
-        'solver.iteration_limit': min(MOST_ITERATIONS, scene.solver.iteration_limit),
     }  # fmt: skip
     if 'accuracy' not in given:
         settings['accuracy'] = ACCURACY

@@ -311,7 +311,7 @@ class DenseStepper:
             found = Solution(terms, rule, P, last_P, u_E, converged)
             return (terms.W_tau.T @ u_E).reshape(-1, 2), found, iterations
 
-        limit, rates = scene.solver.iteration_limit, posture.joint_rates(q_M, state.u, robot)
+        limit, rates = scene.iteration_limit, posture.joint_rates(q_M, state.u, robot)
         found, rates, _, iterations, settled = solve_laws_of_axes(
             laws, of_joints.inertia, rates, solve, limit
         )

@@ -84,7 +84,7 @@ def cases(draw):
 def check_report(step, end, history, report):
     """Check the report of one step against the dense step; return whether it converged."""
     scene, method = step.scene, step.scene.method
-    limit, tolerance = scene.solver.iteration_limit, scene.solver.tolerance
+    limit, tolerance = scene.iteration_limit, scene.solver.tolerance
     assert report.steps == 1
     carries = history.impulse[step.active, 0] > 0.0
     closed = (carries | (step.shift <= 0.0)).sum()  # those that could close are in the step, too

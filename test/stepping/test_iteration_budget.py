@@ -89,7 +89,16 @@ def test_steps_within_the_budget_keep_their_bits():
     assert np.array_equal(bound.state.u, free.state.u)
     assert bound.report.iterations == free.report.iterations > 0
     assert (bound.budget.cut, bound.report.unconverged) == (0, 0)
-    assert bound.stepper.model.iteration_limit == scene.solver.iteration_limit
+    assert bound.stepper.model.iteration_limit == scene.iteration_limit
+
+
+def test_newton_has_another_usual_limit_than_sweeps():
+    scene = Scene()
+    assert [
+        with_settings(scene, {'method': name}).iteration_limit
+        for name in ('newton', 'bdf2', 'auto', 'paper')
+    ] == [1000, 1000, 1000, 5000]
+    assert with_settings(scene, {'solver.iteration_limit': 7}).iteration_limit == 7
 
 
 def test_a_budget_may_change_while_a_node_runs():

@@ -209,7 +209,7 @@ def make_planar_model(scene: Scene) -> PlanarModel:
         # Loads are found together with friction here: with stiffer laws fewer steps converge.
         laws=make_laws(scene, PROXIMAL)._replace(compliance=0.0),
         dt=dt,
-        iteration_limit=scene.solver.iteration_limit,
+        iteration_limit=scene.iteration_limit,
         path_tolerance=spatial.path_tolerance,
         most_roll=ROLL_LIMIT,
         free_slip=height * ROLL_LIMIT,

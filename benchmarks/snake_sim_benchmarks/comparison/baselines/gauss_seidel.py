@@ -18,7 +18,7 @@ import math
 from typing import NamedTuple
 
 from snake_sim_benchmarks.comparison.baselines.dense_newton import whole_operator
-from snake_sim_ros.contact.admissible import without_gain
+from snake_sim_ros.contact.admissible import take_admissible
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import (
     condense,
@@ -169,12 +169,11 @@ def solve_with_sweeps(
         sweep_contacts(laws, closed, width, contacts, delassus, impulse)
         iterations, sweeps = iterations + 1, sweeps + 1
     condensed_twists(closed, width, contacts, chain, delassus)
-    outcome = Outcome(iterations, converged, residual, printed, False)
-    outcome = without_gain(problem, outcome)
-    if not outcome.converged:  # others may be in the table now
+    if not converged:
+        residual, printed = take_admissible(problem)
         keep_impulses(closed, contacts, impulse)
     forget_others(closed, contacts, history)
-    return outcome
+    return Outcome(iterations, converged, residual, printed, False)
 
 
 METHODS['gauss_seidel'] = paper_method(lambda scene: GaussSeidel(whole_operator(scene)))

@@ -134,15 +134,15 @@ def take_step(  # type: ignore[empty-body]
 def advance(integrator: Integrator, model: AnyModel, work: AnyWorkspace, steps: Steps) -> None:
     """Take the steps up to the first that the integrator does not take; see `take_step`."""
     report, record, count = steps.report[0], steps.record, len(steps.angle)
+    steps.cycles[0] = cycle_counter()
     for k in range(count):
-        steps.cycles[k] = cycle_counter()
         row = row_at(k, record.every, record.first, len(record.span))
         goes_on, span = take_step(integrator, model, work, steps, k, row >= 0 or k + 1 == count)
         if row >= 0 and report.steps > k:
             keep_sample(row, model.dt, span, work.applied, steps)
+        steps.cycles[k + 1] = cycle_counter()
         if not goes_on:
             break
-    steps.cycles[count] = cycle_counter()
 
 
 @inlined

@@ -312,6 +312,17 @@ def test_there_and_back_again(method):
         assert np.abs(other.q - one.q)[:, :3].max() <= np.abs(way).max() + 1e-5
 
 
+@each_method
+def test_every_step_of_a_call_with_both_levels_has_a_time_stamp(method):
+    scene = replace(CASE_A, method=method, dt=DT)
+    stepper = make_stepper(scene)
+    angle, rate = burst(scene, 0, 400, [(50, 70)], 0.01)
+    _, _, report = stepper.advance(initial_state(scene), stepper.empty_history(), angle, rate)
+    assert 200 < report.planar_steps < report.steps == 400
+    assert len(stepper.cycles) == 401
+    assert (np.diff(stepper.cycles) > 0).all()
+
+
 def elastic_energy(scene, state, angle):
     """Return the energy of links and joints, kinetic, of gravity and of the held joints [J]."""
     robot = scene.robot

@@ -209,7 +209,7 @@ class Found(NamedTuple):
     frame: Array | None  # (contacts, 3, 3) contact frames in I; None on a flat floor
 
 
-@inlined
+@compiled
 def find_contacts(obstacles: Obstacles | None, tolerance: float, pose: Pose, found: Found) -> int:
     """
     Fill the closed contacts, their points and frames.

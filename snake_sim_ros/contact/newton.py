@@ -476,14 +476,12 @@ class Round(NamedTuple):
 COUPLED, CLOSER, HELD = range(3)  # kinds of rounds: radii follow; likewise, `close_law`; are held
 
 
-@inlined
+@compiled
 def iterate_laws(
     problem: Problem, limit: int, operator: Operator | None, round: Round
 ) -> tuple[int, float, float, bool]:
     """
     Iterate with disc radii that are held, which is a convex problem, or that follow the loads.
-
-    One function does all rounds, because `linear_step` is compiled wherever it is called.
 
     Returns
     -------
@@ -578,19 +576,11 @@ def iterate(
     following, least, best = begin_to_follow(), math.inf, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    stage, continues, may_continue = first_stage(laws, PREDICTED), False, True
+    may_continue = True
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
-        now = laws
-        if continues:
-            now = laws_of_stage(laws, stage)
-            begin_stage(problem, history, stage)
-            is_last = stage.compliance == laws.compliance
-            inner = tolerance if is_last else ROUGH * tolerance
-            round = Round(CLOSER, inner, CLOSE_ITERATIONS, False)
-            most -= HELD_ITERATIONS
-        elif held:
+        if held:
             creeps = residual <= NEAR and residual < CONVERGES * least
             least = min(least, residual)
             begin_held(problem, rounds > 0 and not creeps)
@@ -606,22 +596,9 @@ def iterate(
         takes = joints.take_part and is_on_chain(operator)
         part = Joints(takes, joints.laws, joints.axes, joints.torque, joints.damping)
         spent, residual, printed, exact = iterate_laws(
-            Problem(now, closed, contacts, chain, pairs, part), most, operator, round
+            Problem(laws, closed, contacts, chain, pairs, part), most, operator, round
         )
         iterations += spent
-        if continues:
-            converged = residual <= round.tolerance
-            done = converged and exact and stage.compliance == laws.compliance
-            if done:
-                break
-            if converged:
-                end_stage(closed, contacts)
-            stage = next_stage(laws, stage, converged)
-            continues = stage.path < ENDED and iterations + HELD_ITERATIONS < limit
-            if not continues:
-                end_continuation(closed, contacts)
-                held = True
-            continue
         done = residual <= tolerance and exact
         if done and held and not refined:
             refined = True  # once, with radii that follow
@@ -639,15 +616,59 @@ def iterate(
         if held or rounds < 0:
             held = False
             rounds += 1
-        elif may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
-            continues, may_continue = True, False
+            continue
+        held = True
+        if may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
+            may_continue = False
             keep_on_chain(operator)
-            keep_centers(closed, contacts)
-        else:
-            held = True
+            spent, residual, printed, done = continue_laws(
+                problem, limit - iterations - HELD_ITERATIONS, operator, history
+            )
+            iterations += spent
+            if done:
+                break
     if best < residual and not done:
         return_best(closed, contacts)
     return Outcome(iterations, done, residual, printed, fell_back)
+
+
+@compiled
+def continue_laws(
+    problem: Problem, limit: int, operator: Operator | None, history: ContactHistory
+) -> tuple[int, float, float, bool]:
+    """
+    Follow the paths of `continuation` to the laws, with all contacts on the chain.
+
+    Returns
+    -------
+    iterations : int
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s], of the last stage.
+    done : bool
+        Whether the laws hold.
+
+    """
+    laws, closed, contacts, chain, pairs, joints = problem
+    tolerance, stage = laws.residual_tolerance, first_stage(laws, PREDICTED)
+    iterations, done = 0, False
+    residual = printed = math.inf
+    keep_centers(closed, contacts)
+    while not done and stage.path < ENDED and iterations < limit:
+        is_last = stage.compliance == laws.compliance
+        enough = tolerance if is_last else ROUGH * tolerance
+        begin_stage(problem, history, stage)
+        now = Problem(laws_of_stage(laws, stage), closed, contacts, chain, pairs, joints)
+        spent, residual, printed, exact = iterate_laws(
+            now, limit - iterations, operator, Round(CLOSER, enough, CLOSE_ITERATIONS, False)
+        )
+        iterations += spent
+        converged = residual <= enough
+        done = converged and exact and is_last
+        if converged:
+            end_stage(closed, contacts)
+        stage = next_stage(laws, stage, converged)
+    end_continuation(closed, contacts)
+    return iterations, residual, printed, done
 
 
 @inlined

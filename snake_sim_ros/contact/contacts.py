@@ -88,12 +88,33 @@ class NewtonScratch:
     is_closed: Index  # 1 while `closed` is being compared with all contacts
 
 
+class PathScratch:
+    """A point of `central_path` and the steps from it; x and y are scaled by friction."""
+
+    mu: Annotated[Array, float, 2]  # friction along and across the link [1]
+    x: Point  # impulse [N s]
+    y: Point  # velocity with the friction that slides [m/s]
+    gamma: Point  # velocity [m/s]
+    w: Point  # scaling of x and y to their middle: W^2 = eta^2 (2 w w^T - J) [1]
+    eta: Number  # [kg^1/2]
+    middle: Point  # W y = W^-1 x where a step begins [(N s m/s)^1/2]
+    follow: Annotated[Array, float, 2]  # change of the friction that slides with its velocity [1]
+    stiffness: Annotated[Array, float, 3, 3]  # K of dP = P' - K dgamma [kg]
+    right: Point  # right side of a linear problem, in x [N s]
+    # Steps of x, y and gamma by their kinds, see `central_path.BACK`.
+    step_x: Annotated[Array, float, 5, 3]
+    step_y: Annotated[Array, float, 5, 3]
+    step_gamma: Annotated[Array, float, 5, 3]
+    kept: Annotated[Array, float, 3, 3]  # x, y and gamma of the last point
+
+
 class Contacts(Table[Any]):
-    """The table of contacts: a record for each of them, which has all three."""
+    """The table of contacts: a record for each of them, which has all four."""
 
     geometry: Geometry
     solution: Solution
     newton: NewtonScratch
+    path: PathScratch
 
 
 SLIDING, ROLLING = range(2)  # kinds of friction

@@ -44,6 +44,7 @@ from snake_sim_ros.contact.admissible import (
     return_best,
     take_admissible,
 )
+from snake_sim_ros.contact.central_path import follow_path, is_conic, residual_on_path
 from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
 from snake_sim_ros.contact.continuation import (
     begin_stage,
@@ -58,7 +59,7 @@ from snake_sim_ros.contact.continuation import (
     PREDICTED,
     ROUGH,
 )
-from snake_sim_ros.contact.delassus import condense, condensed_twists, make_delassus
+from snake_sim_ros.contact.delassus import condense, condensed_twists, end_twists, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
@@ -83,7 +84,7 @@ from snake_sim_ros.contact.linear_problem import (
 from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import improve, predict, remember
-from snake_sim_ros.dynamics.articulated_body import Chain
+from snake_sim_ros.dynamics.articulated_body import Chain, factor_chain, reset_chain
 from snake_sim_ros.dynamics.balance import rates_of_twists
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_laws import (
@@ -121,7 +122,9 @@ COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first tim
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
+CORRECTIONS = 6  # iterations from the end of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
+SOON = 16
 PATIENCE = 300  # iterations after which other ways lead to the solution; see `continuation`
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
@@ -576,7 +579,7 @@ def iterate(
     following, least, best = begin_to_follow(), math.inf, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    may_continue = True
+    may_continue, may_follow = True, is_conic(laws, laws.other) and not joints.take_part
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -618,6 +621,16 @@ def iterate(
             rounds += 1
             continue
         held = True
+        if may_follow and SOON <= iterations < limit - 2 * HELD_ITERATIONS:
+            may_follow = False
+            keep_on_chain(operator)
+            spent, residual, printed, done = solve_on_path(
+                problem, limit - iterations - HELD_ITERATIONS, operator
+            )
+            iterations += spent
+            if done:
+                break
+            best = keep_best(closed, contacts, residual, best)
         if may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
             may_continue = False
             keep_on_chain(operator)
@@ -630,6 +643,44 @@ def iterate(
     if best < residual and not done:
         return_best(closed, contacts)
     return Outcome(iterations, done, residual, printed, fell_back)
+
+
+@compiled
+def solve_on_path(
+    problem: Problem, limit: int, operator: Operator | None
+) -> tuple[int, float, float, bool]:
+    """
+    Follow the path of `central_path` to the laws, and correct its end; all contacts on the chain.
+
+    Returns
+    -------
+    iterations : int
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s].
+    done : bool
+        Whether the laws hold.
+
+    """
+    laws, closed, contacts, chain, _, _ = problem
+    tolerance, newton, solution = laws.residual_tolerance, contacts.newton, contacts.solution
+    iterations, at_end = follow_path(problem, limit - CORRECTIONS, tolerance)
+    if at_end <= NEAR:
+        for a in closed:
+            for j in range(5):
+                newton.trial[a, j], newton.iterate[a, j] = solution.gamma[a, j], solution.impulse[a, j]
+        anchor(problem)
+        spent, residual, printed, exact = iterate_laws(
+            problem, CORRECTIONS, operator, Round(CLOSER, tolerance, CORRECTIONS, False)
+        )
+        iterations += spent
+        if residual <= tolerance and exact:
+            return iterations, residual, printed, True
+    residual, printed = residual_on_path(problem, 0.0)
+    if residual <= tolerance:
+        reset_chain(chain)
+        factor_chain(chain)
+        end_twists(closed, contacts, chain)
+    return iterations, residual, printed, residual <= tolerance
 
 
 @compiled

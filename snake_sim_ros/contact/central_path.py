@@ -28,6 +28,7 @@ problems are solved: back to the path, along it, and for what is of second order
 """
 
 import math
+from typing import NamedTuple
 
 from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate, end_twists
@@ -50,11 +51,12 @@ LOST = 3.0  # and from which it begins again at the last point, with a shorter s
 USUAL = 0.3  # distance that the lengths of steps aim at
 LONGER, SHORTER, AGAIN = 2.5, 0.4, 0.4  # by which steps become longer or shorter, or are tried again
 SHORTEST, LONGEST = 1e-5, 10.0  # step that ends a path, and the longest one
+FARTHEST = 100.0  # m over that at first, from which the path came back
 LESS = 0.7  # by which a step becomes shorter that would leave a cone
+MOST_CORRECTIONS = 3  # points off the path, one after the other
 MOST_FALL = 0.999  # share by which m falls at most
-# Kinds of steps: back to the path, along it, of second order, all that was taken, the last one along.
-BACK, ALONG, SECOND, TAKEN, LAST = range(5)
-MOST_FOLLOWED = 80  # points of a path
+# Kinds of steps: back to the path, along it, of second order, and what is taken first.
+BACK, ALONG, SECOND, TAKEN = range(4)
 
 
 @inlined
@@ -149,9 +151,18 @@ def velocity_of(laws: Laws, contacts: Contacts, a: int, smoothing: float) -> Thr
     )
 
 
+class Point(NamedTuple):
+    """A point of the path, with x, y and gamma of the contacts."""
+
+    m: float  # [N s m/s]
+    first: float  # m at which the path began [N s m/s]
+    speed: float  # scale of y there [m/s]
+    step: float  # length of the next step
+
+
 @compiled
-def begin_path(problem: Problem) -> float:
-    """Fill x, y and velocities of the closed contacts for the begin of the path; return |y|."""
+def begin_path(problem: Problem) -> Point:
+    """Fill x, y and velocities of the closed contacts for the begin of the path."""
     laws, closed, contacts, chain, _, _ = problem
     solution, path = contacts.solution, contacts.path
     reset_chain(chain)
@@ -176,7 +187,8 @@ def begin_path(problem: Problem) -> float:
         set_three(path.x, a, (laws.r_N * speed, 0.0, 0.0))
         set_three(path.y, a, (speed, 0.0, 0.0))
         set_three(path.gamma, a, triple(solution.gamma, a))
-    return speed
+    first = laws.r_N * speed * speed
+    return Point(first, first, speed, FIRST_STEP)
 
 
 @inlined
@@ -246,9 +258,13 @@ def add_cones(
         add_point_inertia(rows, p, inertia[geometry.link[a]])
 
 
-@inlined
-def factor_cones(problem: Problem) -> None:
-    """Factor the chain with the stiffness of all contacts that are not of two links."""
+@compiled
+def factor_cones(problem: Problem) -> float:
+    """
+    Factor the chain with the stiffness of the contacts; return the sign of the determinant.
+
+    That of the chain has those of contacts that are not of two links, the others are condensed.
+    """
     _, closed, contacts, chain, pairs, _ = problem
     single = closed[: count_single(closed, contacts, pairs)]
     reset_chain(chain)
@@ -256,16 +272,30 @@ def factor_cones(problem: Problem) -> None:
         chain.residual_torque[j, 0] = chain.residual_torque[j, 1] = 0.0
     add_cones(single, contacts, chain.frame, chain.inertia)
     factor_chain(chain)
-    condense_cones(closed[len(single) :], contacts, chain, pairs)
+    sign, root = 1.0, chain.inertia[len(chain.inertia) // 2]
+    for k in range(6):
+        sign = math.copysign(sign, sign * root[k, k])
+    for j in range(len(chain.compliance)):
+        D = chain.compliance[j]
+        sign = math.copysign(sign, sign * (D[0] * D[3] - D[1] * D[2]))
+    return sign * condense_cones(closed[len(single) :], contacts, chain, pairs)
 
 
 @inlined
 def condense_cones(
     closed: Array, contacts: Contacts, chain: Chain, pairs: Delassus | None
-) -> None:
-    """Fill pairs.operator with G of the contacts of two links on the factored chain."""
-    if pairs is None:
-        return
+) -> float:
+    """
+    Fill pairs.operator with G of the contacts of two links on the factored chain.
+
+    Returns
+    -------
+    float
+        The sign of the determinant of ``1 + K G``.
+
+    """
+    if pairs is None or len(closed) == 0:
+        return 1.0
     for k, a in enumerate(closed):
         for j in range(3):
             row = pairs.operator[3 * k + j]
@@ -275,6 +305,7 @@ def condense_cones(
                 for i in range(3):
                     shift = contacts.solution.shift[b] if i == 0 else 0.0
                     row[3 * other + i] = contacts.solution.gamma[b, i] - shift
+    return solve_pairs(closed, contacts, pairs)
 
 
 @compiled
@@ -324,27 +355,33 @@ def respond_with_pairs(
     """Add the twists that the contacts of two links cause, ``(1 + K G) dP = P' - K dgamma``."""
     if pairs is None or len(closed) == 0:
         return
-    solution, K = contacts.solution, contacts.path.stiffness
-    B, G, rows = pairs.system, pairs.operator, 3 * len(closed)
+    solution, K, rows = contacts.solution, contacts.path.stiffness, 3 * len(closed)
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     for k, a in enumerate(closed):
         gamma_N = solution.gamma[a, 0] - solution.shift[a]
+        x, y = solution.gamma[a, 1], solution.gamma[a, 2]
         for j in range(3):
-            x, y = solution.gamma[a, 1], solution.gamma[a, 2]
-            B[3 * k + j, rows] = solution.impulse[a, j] - (
-                K[a, j, 0] * gamma_N + K[a, j, 1] * x + K[a, j, 2] * y
-            )
-            for column in range(rows):
-                g = G[column]
-                B[3 * k + j, column] = (
-                    K[a, j, 0] * g[3 * k] + K[a, j, 1] * g[3 * k + 1] + K[a, j, 2] * g[3 * k + 2]
-                )
-            B[3 * k + j, 3 * k + j] += 1.0
-    eliminate(B, rows)
+            felt = K[a, j, 0] * gamma_N + K[a, j, 1] * x + K[a, j, 2] * y
+            pairs.system[3 * k + j, rows] = solution.impulse[a, j] - felt
+    solve_pairs(closed, contacts, pairs)
     for k, a in enumerate(closed):
         for j in range(3):
-            solution.impulse[a, j] = B[3 * k + j, rows]
+            solution.impulse[a, j] = pairs.system[3 * k + j, rows]
     add_twists(closed, contacts, chain)
+
+
+@compiled
+def solve_pairs(closed: Array, contacts: Contacts, pairs: Delassus) -> float:
+    """Solve ``(1 + K G) x = b``, b in the last column of pairs.system; see `eliminate`."""
+    K, B, rows = contacts.path.stiffness, pairs.system, 3 * len(closed)
+    for column in range(rows):
+        g = pairs.operator[column]
+        for k, a in enumerate(closed):
+            for j in range(3):
+                felt = K[a, j, 0] * g[3 * k] + K[a, j, 1] * g[3 * k + 1]
+                B[3 * k + j, column] = felt + K[a, j, 2] * g[3 * k + 2]
+        B[column, column] += 1.0
+    return eliminate(B, rows)
 
 
 @inlined
@@ -562,51 +599,51 @@ def residual_on_path(problem: Problem, enough: float) -> tuple[float, float]:
 
 
 @compiled
-def follow_path(problem: Problem, limit: int, enough: float) -> tuple[int, float]:
+def follow_path(
+    problem: Problem, point: Point, limit: int, enough: float
+) -> tuple[Point, int, float]:
     """
-    Follow the path until the residual of the laws is `enough` [m/s].
+    Follow the path from a point until the residual of the laws is `enough` [m/s].
 
     Impulses and velocities of the contacts are filled with those of the last point. Impulses are
     admissible.
 
     Returns
     -------
-    points : int
-        Number of factorizations.
+    point : Point
+    count : int
+        Points that were found, each with a factorization.
     residual : float
         That of the last point [m/s].
 
     """
     laws, closed, contacts, _, _, _ = problem
-    speed = begin_path(problem)
-    first = m = laws.r_N * speed * speed
-    step, kept_step, kept_m = FIRST_STEP, FIRST_STEP, m
-    turn = kept_turn = 0.0  # share of m in the last tangent; 0 before the first one
-    can_return, points, residual = False, 0, math.inf
-    while points < min(limit, MOST_FOLLOWED) and residual > enough:
+    m, first, speed, step = point
+    kept_step, kept_m = step, m
+    can_return, corrections, points, residual = False, 0, 0, math.inf
+    while points < limit and residual > enough and m <= FARTHEST * first:
         if not is_inside(closed, contacts):
             break
         points += 1
         smoothing = SMOOTHING * speed * m / first
         linearize_cones(laws, closed, contacts, smoothing)
-        factor_cones(problem)
+        sign = -factor_cones(problem)  # m falls where the determinant is positive
         find_back(problem, m, smoothing)
         find_along(problem, m, smoothing)
         square = product(closed, contacts, m, ALONG, ALONG) + 1.0
-        length, sign = math.sqrt(square), -1.0
-        if turn != 0.0 and product(closed, contacts, m, LAST, ALONG) + turn > 0.0:
-            sign = 1.0
         change = -product(closed, contacts, m, BACK, ALONG) / square
         add_step(closed, contacts, BACK, change, ALONG)
         off = size_of_step(closed, contacts, m, BACK)
-        if not off <= LOST and can_return:
-            return_to_point(closed, contacts)
-            m, turn, step, can_return = kept_m, kept_turn, AGAIN * kept_step, False
-            if step < SHORTEST:
+        corrections = corrections + 1 if off > OFF_PATH else 0
+        if not off <= LOST or corrections > MOST_CORRECTIONS:
+            kept_step *= AGAIN
+            if not can_return or kept_step < SHORTEST:
                 break
+            return_to_point(closed, contacts)
+            m, step, corrections = kept_m, kept_step, 0
             continue
         taken = step if off <= OFF_PATH else 0.0
-        per_step = sign / length
+        per_step = sign / math.sqrt(square)
         while True:
             set_step(closed, contacts, TAKEN, 1.0, BACK)
             add_step(closed, contacts, TAKEN, taken * per_step, ALONG)
@@ -618,11 +655,9 @@ def follow_path(problem: Problem, limit: int, enough: float) -> tuple[int, float
                 break
             taken = LESS * taken if taken > SHORTEST else 0.0
         share = min(1.0, MOST_OF_WAY * way)
-        set_step(closed, contacts, LAST, per_step, ALONG)
-        keep_point(closed, contacts)
-        step = taken if taken > 0.0 else step
-        kept_m, kept_turn, kept_step, can_return = m, turn, step, True
-        turn = per_step
+        if taken > 0.0:
+            keep_point(closed, contacts)
+            kept_m, kept_step, can_return, step = m, taken, True, taken
         keep_middle(closed, contacts)
         move_on(closed, contacts, share, TAKEN)
         falls *= share
@@ -638,4 +673,4 @@ def follow_path(problem: Problem, limit: int, enough: float) -> tuple[int, float
             step = min(LONGEST, step * min(LONGER, max(SHORTER, longer)))
         m *= 1.0 + max(falls, -MOST_FALL)
         residual = residual_on_path(problem, enough)[0]
-    return points, residual
+    return Point(m, first, speed, step), points, residual

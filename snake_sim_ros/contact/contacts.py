@@ -102,9 +102,9 @@ class PathScratch:
     stiffness: Annotated[Array, float, 3, 3]  # K of dP = P' - K dgamma [kg]
     right: Point  # right side of a linear problem, in x [N s]
     # Steps of x, y and gamma by their kinds, see `central_path.BACK`.
-    step_x: Annotated[Array, float, 5, 3]
-    step_y: Annotated[Array, float, 5, 3]
-    step_gamma: Annotated[Array, float, 5, 3]
+    step_x: Annotated[Array, float, 4, 3]
+    step_y: Annotated[Array, float, 4, 3]
+    step_gamma: Annotated[Array, float, 4, 3]
     kept: Annotated[Array, float, 3, 3]  # x, y and gamma of the last point
 
 

@@ -16,6 +16,7 @@ contact is `width`: 3, or 5 with rolling friction. `solution.shift` is in none o
 so that it may change while they serve.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -176,16 +177,27 @@ def condensed_system(closed: Array, width: int, contacts: Contacts, delassus: De
 
 
 @inlined
-def eliminate(B: Array, rows: int) -> None:
-    """Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``."""
+def eliminate(B: Array, rows: int) -> float:
+    """
+    Replace column `rows` of B by the solution x of ``B[:, :rows] x = B[:, rows]``.
+
+    Returns
+    -------
+    float
+        The sign of the determinant, 1 or -1.
+
+    """
+    sign = 1.0
     for k in range(rows):
         pivot = k
         for i in range(k + 1, rows):
             if abs(B[i, k]) > abs(B[pivot, k]):
                 pivot = i
         if pivot != k:
+            sign = -sign
             for j in range(k, rows + 1):
                 B[k, j], B[pivot, j] = B[pivot, j], B[k, j]
+        sign = math.copysign(sign, sign * B[k, k])
         for i in range(k + 1, rows):
             share = B[i, k] / B[k, k]
             if share != 0.0:
@@ -195,6 +207,7 @@ def eliminate(B: Array, rows: int) -> None:
         for j in range(k + 1, rows):
             B[k, rows] -= B[k, j] * B[j, rows]
         B[k, rows] /= B[k, k]
+    return sign
 
 
 @inlined

@@ -44,7 +44,7 @@ from snake_sim_ros.contact.admissible import (
     return_best,
     take_admissible,
 )
-from snake_sim_ros.contact.central_path import follow_path, is_conic, residual_on_path
+from snake_sim_ros.contact.central_path import begin_path, follow_path, is_conic, residual_on_path
 from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
 from snake_sim_ros.contact.continuation import (
     begin_stage,
@@ -122,7 +122,10 @@ COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first tim
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
-CORRECTIONS = 6  # iterations from the end of a path
+# Residuals at which points of a path are corrected: the first, times the share, the next [m/s].
+FIRST_END, NEXT_END = 1e-4, 0.03
+MOST_POINTS = 120  # of a path
+CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
 SOON = 16
 PATIENCE = 300  # iterations after which other ways lead to the solution; see `continuation`
@@ -579,7 +582,8 @@ def iterate(
     following, least, best = begin_to_follow(), math.inf, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    may_continue, may_follow = True, is_conic(laws, laws.other) and not joints.take_part
+    may_follow = is_conic(laws, laws.other) and not joints.take_part
+    may_continue = not may_follow
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -625,7 +629,7 @@ def iterate(
             may_follow = False
             keep_on_chain(operator)
             spent, residual, printed, done = solve_on_path(
-                problem, limit - iterations - HELD_ITERATIONS, operator
+                problem, min(MOST_POINTS, limit - iterations - HELD_ITERATIONS), operator
             )
             iterations += spent
             if done:
@@ -663,18 +667,26 @@ def solve_on_path(
     """
     laws, closed, contacts, chain, _, _ = problem
     tolerance, newton, solution = laws.residual_tolerance, contacts.newton, contacts.solution
-    iterations, at_end = follow_path(problem, limit - CORRECTIONS, tolerance)
-    if at_end <= NEAR:
+    point, iterations, enough, residual = begin_path(problem), 0, FIRST_END, 0.0
+    while residual <= enough and iterations < limit - CORRECTIONS:
+        enough = max(tolerance, NEXT_END * enough)
+        point, count, residual = follow_path(problem, point, limit - CORRECTIONS, enough)
+        iterations += count
+        if residual > enough:
+            break
         for a in closed:
             for j in range(5):
-                newton.trial[a, j], newton.iterate[a, j] = solution.gamma[a, j], solution.impulse[a, j]
+                newton.trial[a, j] = solution.gamma[a, j]
+                newton.iterate[a, j] = solution.impulse[a, j]
         anchor(problem)
-        spent, residual, printed, exact = iterate_laws(
+        spent, at_end, printed, exact = iterate_laws(
             problem, CORRECTIONS, operator, Round(CLOSER, tolerance, CORRECTIONS, False)
         )
         iterations += spent
-        if residual <= tolerance and exact:
-            return iterations, residual, printed, True
+        if at_end <= tolerance and exact:
+            return iterations, at_end, printed, True
+        if residual <= tolerance:
+            break
     residual, printed = residual_on_path(problem, 0.0)
     if residual <= tolerance:
         reset_chain(chain)

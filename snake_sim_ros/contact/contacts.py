@@ -84,7 +84,6 @@ class NewtonScratch:
     moves: Annotated[Array, float, MIXED]
     changes: Annotated[Array, float, MIXED]
     best_impulse: Components  # impulses that left least of the laws so far [N s]
-    rule_center: Number  # selection_center of the step during a continuation [N s]
     is_closed: Index  # 1 while `closed` is being compared with all contacts
 
 

@@ -46,19 +46,6 @@ from snake_sim_ros.contact.admissible import (
 )
 from snake_sim_ros.contact.central_path import begin_path, follow_path, is_conic, residual_on_path
 from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
-from snake_sim_ros.contact.continuation import (
-    begin_stage,
-    CLOSE_ITERATIONS,
-    end_continuation,
-    end_stage,
-    ENDED,
-    first_stage,
-    keep_centers,
-    laws_of_stage,
-    next_stage,
-    PREDICTED,
-    ROUGH,
-)
 from snake_sim_ros.contact.delassus import condense, condensed_twists, end_twists, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
@@ -124,11 +111,10 @@ MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
 # Residuals at which points of a path are corrected: the first, times the share, the next [m/s].
 FIRST_END, NEXT_END = 1e-4, 0.03
-MOST_POINTS = 120  # of a path
+MOST_POINTS = 400  # of a path
 CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
-SOON = 16
-PATIENCE = 300  # iterations after which other ways lead to the solution; see `continuation`
+PATIENCE = 20  # iterations after which a path leads to the solution; see `central_path`
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
 # Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the
@@ -583,7 +569,6 @@ def iterate(
     swept = attempts_with_sweeps(operator)
     rounds = -swept
     may_follow = is_conic(laws, laws.other) and not joints.take_part
-    may_continue = not may_follow
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -625,7 +610,7 @@ def iterate(
             rounds += 1
             continue
         held = True
-        if may_follow and SOON <= iterations < limit - 2 * HELD_ITERATIONS:
+        if may_follow and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
             may_follow = False
             keep_on_chain(operator)
             spent, residual, printed, done = solve_on_path(
@@ -635,15 +620,6 @@ def iterate(
             if done:
                 break
             best = keep_best(closed, contacts, residual, best)
-        if may_continue and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
-            may_continue = False
-            keep_on_chain(operator)
-            spent, residual, printed, done = continue_laws(
-                problem, limit - iterations - HELD_ITERATIONS, operator, history
-            )
-            iterations += spent
-            if done:
-                break
     if best < residual and not done:
         return_best(closed, contacts)
     return Outcome(iterations, done, residual, printed, fell_back)
@@ -693,45 +669,6 @@ def solve_on_path(
         factor_chain(chain)
         end_twists(closed, contacts, chain)
     return iterations, residual, printed, residual <= tolerance
-
-
-@compiled
-def continue_laws(
-    problem: Problem, limit: int, operator: Operator | None, history: ContactHistory
-) -> tuple[int, float, float, bool]:
-    """
-    Follow the paths of `continuation` to the laws, with all contacts on the chain.
-
-    Returns
-    -------
-    iterations : int
-    residual, printed_residual : float
-        As `natural_map` returns them [m/s], of the last stage.
-    done : bool
-        Whether the laws hold.
-
-    """
-    laws, closed, contacts, chain, pairs, joints = problem
-    tolerance, stage = laws.residual_tolerance, first_stage(laws, PREDICTED)
-    iterations, done = 0, False
-    residual = printed = math.inf
-    keep_centers(closed, contacts)
-    while not done and stage.path < ENDED and iterations < limit:
-        is_last = stage.compliance == laws.compliance
-        enough = tolerance if is_last else ROUGH * tolerance
-        begin_stage(problem, history, stage)
-        now = Problem(laws_of_stage(laws, stage), closed, contacts, chain, pairs, joints)
-        spent, residual, printed, exact = iterate_laws(
-            now, limit - iterations, operator, Round(CLOSER, enough, CLOSE_ITERATIONS, False)
-        )
-        iterations += spent
-        converged = residual <= enough
-        done = converged and exact and is_last
-        if converged:
-            end_stage(closed, contacts)
-        stage = next_stage(laws, stage, converged)
-    end_continuation(closed, contacts)
-    return iterations, residual, printed, done
 
 
 @inlined

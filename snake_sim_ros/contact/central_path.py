@@ -3,22 +3,24 @@
 """
 A path to the solution of the contact laws, for steps in which Newton's method does not converge.
 
-Scale friction by its coefficients, S = diag(1, mu_x, mu_y): the impulses x = S^-1 P of a contact
-lie in the cone ``|x_T| <= x_N``, and with the friction that slides added to the normal velocity
-[1]_, y = S gamma + (c (P_N - center) + |(S gamma)_T|, 0, 0), the laws are
+Friction scaled by its coefficients, S = diag(1, mu_x, mu_y), leaves a contact the impulses
+x = S^-1 P of a circular cone K. With the speed of sliding added to the normal velocity [1]_,
+``y = S gamma + (c (P_N - center) + |(S gamma)_T|, 0, 0)`` and the compliance c of the selection
+rule, the laws are ``x in K, y in K, x . y = 0``.
 
-    ``x in K,  y in K,  x . y = 0``,
+On the central path the last equation is ``x o y = m e``, with a number m > 0, the product o of the
+Jordan algebra of the cone, and its unit e [2]_. The speed of sliding is smoothed by a speed in
+proportion to m. For a large m all contacts push and hardly slide, and there is one solution; for
+m = 0 there are the laws.
 
-with c the compliance of the selection rule. The central path replaces the last equation by ``x o y
-= m e`` with a number m > 0 [2]_, where o is the product of the Jordan algebra of the cone and e its
-unit, and ``|y_T|`` by ``sqrt(|y_T|^2 + s^2)`` with s in proportion to m. For a large m every
-contact pushes and none slides far, and there is one solution. For m = 0 the laws remain.
+Friction follows the loads. By that the problem is not monotone, and m need not fall all the way:
+the path turns where the determinant of the linear equations changes its sign. It is followed by
+its length [3]_, and m falls where the determinant is positive and rises where it is negative.
+Lengths are relative to x and y, in the scaling of Nesterov and Todd that makes both the same.
 
-Friction that follows loads makes the problem not monotone, so that m need not fall on the way to
-the solution: where the path turns, it rises for a while. So the path is followed by its length
-[3]_, measured by what changes in proportion to itself: in the scaling of Nesterov and Todd, in which
-x and y are the same. An iteration is one factorization of the chain, with which three linear
-problems are solved: back to the path, along it, and for what is of second order in both.
+A point takes one factorization of the chain and three linear problems: back to the path, along it,
+and what is of second order in both steps. Contacts of two links are condensed, as in
+`linear_problem.couple_pairs`.
 
 .. [1] G. de Saxce, Z.-Q. Feng, "The bipotential method: a constructive approach to design the
    complete contact law with friction", Math. Comput. Modelling 28, 1998.
@@ -36,20 +38,20 @@ from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocit
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, OtherFriction, rolls, sliding_disc
 from snake_sim_ros.contact.linear_problem import add_point_inertia, count_single
 from snake_sim_ros.contact.problem import Problem
-from snake_sim_ros.contact.shapes import moved, times, triple
+from snake_sim_ros.contact.shapes import inner, moved, times, triple
 from snake_sim_ros.dynamics.articulated_body import Chain, correct_chain, factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
-SMOOTHING = 1.0  # s of sliding velocities, over the scale of y on the path
 LEAST_SPEED = 1e-3  # at which a path begins [m/s]
 FIRST_STEP = 1.0  # length of the first step along the path
 MOST_OF_WAY = 0.95  # share of the way to the edge of a cone, and by which m falls in a step
 OFF_PATH = 1.0  # distance from which a step only returns to the path
 LOST = 3.0  # and from which it begins again at the last point, with a shorter step
 USUAL = 0.3  # distance that the lengths of steps aim at
-LONGER, SHORTER, AGAIN = 2.5, 0.4, 0.4  # by which steps become longer or shorter, or are tried again
+LONGER, SHORTER = 2.5, 0.4  # by which a step may be longer or shorter than the last one
+AGAIN = 0.4  # by which it is shorter when it is tried again
 SHORTEST, LONGEST = 1e-5, 10.0  # step that ends a path, and the longest one
 FARTHEST = 100.0  # m over that at first, from which the path came back
 LESS = 0.7  # by which a step becomes shorter that would leave a cone
@@ -77,12 +79,6 @@ def cone_det(x: Three) -> float:
 
 
 @inlined
-def dot3(x: Three, y: Three) -> float:
-    """Return the inner product."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
-@inlined
 def reflected(x: Three) -> Three:
     """Return (x_N, -x_T)."""
     return x[0], -x[1], -x[2]
@@ -91,7 +87,7 @@ def reflected(x: Three) -> Three:
 @inlined
 def way_to_edge(x: Three, d: Three) -> float:
     """Return the largest a for which ``x + a d`` is in the cone that x is in, at most 1e9."""
-    a, b, c = d[0] * d[0] - d[1] * d[1] - d[2] * d[2], dot3(x, reflected(d)), cone_det(x)
+    a, b, c = d[0] * d[0] - d[1] * d[1] - d[2] * d[2], inner(x, reflected(d)), cone_det(x)
     way = 1e9
     if d[0] < 0.0:
         way = min(way, -x[0] / d[0])
@@ -120,7 +116,7 @@ def scaled_once(eta: float, w: Three, y: Three) -> Three:
 @inlined
 def scaled_twice(eta: float, w: Three, y: Three) -> Three:
     """Return ``W^2 y``; see `scaled_once`."""
-    both = 2.0 * eta * eta * dot3(w, y)
+    both = 2.0 * eta * eta * inner(w, y)
     square = eta * eta
     return both * w[0] - square * y[0], both * w[1] + square * y[1], both * w[2] + square * y[2]
 
@@ -162,7 +158,7 @@ class Point(NamedTuple):
 
 @compiled
 def begin_path(problem: Problem) -> Point:
-    """Fill x, y and velocities of the closed contacts for the begin of the path."""
+    """Fill x, y and gamma of the closed contacts with those where the path begins."""
     laws, closed, contacts, chain, _, _ = problem
     solution, path = contacts.solution, contacts.path
     reset_chain(chain)
@@ -199,7 +195,7 @@ def linearize_cones(laws: Laws, closed: Array, contacts: Contacts, smoothing: fl
         x, y = triple(path.x, a), triple(path.y, a)
         det_x, det_y = math.sqrt(cone_det(x)), math.sqrt(cone_det(y))
         x, y = times(1.0 / det_x, x), times(1.0 / det_y, reflected(y))
-        over = 1.0 / math.sqrt(2.0 + 2.0 * dot3(x, reflected(y)))
+        over = 1.0 / math.sqrt(2.0 + 2.0 * inner(x, reflected(y)))
         w = times(over, moved(x, 1.0, y))
         eta = math.sqrt(det_x / det_y)
         path.eta[a] = eta
@@ -233,9 +229,7 @@ def axes_of(contacts: Contacts, frame: Array | None, a: int) -> tuple[Three, Thr
 
 
 @inlined
-def add_cones(
-    closed: Array, contacts: Contacts, frame: Array | None, inertia: Array
-) -> None:
+def add_cones(closed: Array, contacts: Contacts, frame: Array | None, inertia: Array) -> None:
     """Add the stiffness of the closed contacts, none of two links, to inertias (n, 6, 6)."""
     geometry, stiffness = contacts.geometry, contacts.path.stiffness
     for a in closed:
@@ -261,9 +255,13 @@ def add_cones(
 @compiled
 def factor_cones(problem: Problem) -> float:
     """
-    Factor the chain with the stiffness of the contacts; return the sign of the determinant.
+    Factor the chain with the stiffness of its contacts, and condense those of two links.
 
-    That of the chain has those of contacts that are not of two links, the others are condensed.
+    Returns
+    -------
+    float
+        The sign of the determinant, 1 or -1.
+
     """
     _, closed, contacts, chain, pairs, _ = problem
     single = closed[: count_single(closed, contacts, pairs)]
@@ -296,7 +294,7 @@ def condense_cones(
     """
     if pairs is None or len(closed) == 0:
         return 1.0
-    for k, a in enumerate(closed):
+    for k in range(len(closed)):
         for j in range(3):
             row = pairs.operator[3 * k + j]
             respond_to(closed[k : k + 1], j, contacts, chain)
@@ -393,9 +391,7 @@ def load_cone(laws: Laws, contacts: Contacts, a: int, goal: Three, rest: Three) 
     set_three(path.right, a, b)
     v = scaled_twice(eta, w, (1.0, 0.0, 0.0))
     b = moved(b, -c * b[0] / (1.0 + c * v[0]), v)
-    set_three(
-        contacts.solution.impulse, a, (b[0], path.mu[a, 0] * b[1], path.mu[a, 1] * b[2])
-    )
+    set_three(contacts.solution.impulse, a, (b[0], path.mu[a, 0] * b[1], path.mu[a, 1] * b[2]))
 
 
 @inlined
@@ -429,9 +425,9 @@ def product_at(contacts: Contacts, a: int, one: int, other: int) -> float:
     w, square = triple(path.w, a), path.eta[a] * path.eta[a]
     back = reflected(w)
     d, e = triple(path.step_x[a], one), triple(path.step_x[a], other)
-    by_x = 2.0 * dot3(back, d) * dot3(back, e) - dot3(d, reflected(e))
+    by_x = 2.0 * inner(back, d) * inner(back, e) - inner(d, reflected(e))
     d, e = triple(path.step_y[a], one), triple(path.step_y[a], other)
-    by_y = 2.0 * dot3(w, d) * dot3(w, e) - dot3(d, reflected(e))
+    by_y = 2.0 * inner(w, d) * inner(w, e) - inner(d, reflected(e))
     return by_x / square + by_y * square
 
 
@@ -538,7 +534,7 @@ def find_second(problem: Problem, m: float, smoothing: float) -> None:
         middle = triple(path.middle, a)
         p = scaled_once(1.0 / eta, reflected(w), triple(path.x, a))
         r = scaled_once(eta, w, y)
-        left = m - dot3(p, r), -p[0] * r[1] - r[0] * p[1], -p[0] * r[2] - r[0] * p[2]
+        left = m - inner(p, r), -p[0] * r[1] - r[0] * p[1], -p[0] * r[2] - r[0] * p[2]
         goal = scaled_once(eta, w, divided(left, middle))
         rest = moved(velocity_of(laws, contacts, a, smoothing), -1.0, y)
         load_cone(laws, contacts, a, goal, rest)
@@ -558,7 +554,7 @@ def divided(a: Three, b: Three) -> Three:
 
 @inlined
 def keep_point(closed: Array, contacts: Contacts) -> None:
-    """Keep x, y, gamma and the last tangent, to which `return_to_point` returns."""
+    """Keep x, y and gamma, to which `return_to_point` returns."""
     path = contacts.path
     for a in closed:
         set_three(path.kept[a], 0, triple(path.x, a))
@@ -625,7 +621,7 @@ def follow_path(
         if not is_inside(closed, contacts):
             break
         points += 1
-        smoothing = SMOOTHING * speed * m / first
+        smoothing = speed * m / first
         linearize_cones(laws, closed, contacts, smoothing)
         sign = -factor_cones(problem)  # m falls where the determinant is positive
         find_back(problem, m, smoothing)
@@ -662,7 +658,7 @@ def follow_path(
         move_on(closed, contacts, share, TAKEN)
         falls *= share
         if taken > 0.0:
-            find_second(problem, m * (1.0 + falls), SMOOTHING * speed * m * (1.0 + falls) / first)
+            find_second(problem, m * (1.0 + falls), smoothing * (1.0 + falls))
             change = -product(closed, contacts, m, SECOND, ALONG) / square
             add_step(closed, contacts, SECOND, change, ALONG)
             if size_of_step(closed, contacts, m, SECOND) <= LOST:

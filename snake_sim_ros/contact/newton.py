@@ -17,9 +17,8 @@ with. If these do not hold, iterations go on with all contacts on the chain.
 Far from the solution the method may cycle. Then the line between two iterates is searched. If that
 fails, the radii of the friction discs are held for a while, which makes the problem convex: an
 exact line search finds its minimum on the way, so that Newton's method solves it from any start.
-The radii follow [1]_, see `radii`. Where they cycle for long, a continuation leads to the
-solution, see `continuation`; if it ends on its way, they are held again. All contacts are on the
-chain then.
+The radii follow [1]_, see `radii`. If that takes long, a path leads to the solution, see
+`central_path`; where it does not, the radii are held again. All contacts are on the chain then.
 
 When impulses are as accurate as a step needs them, small velocities alone do not show. The
 residual of the laws is a velocity. Contacts that share a load in several ways answer to a velocity
@@ -111,7 +110,7 @@ MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
 # Residuals at which points of a path are corrected: the first, times the share, the next [m/s].
 FIRST_END, NEXT_END = 1e-4, 0.03
-MOST_POINTS = 400  # of a path
+MOST_POINTS = 250  # of a path
 CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
 PATIENCE = 20  # iterations after which a path leads to the solution; see `central_path`

@@ -735,7 +735,7 @@ class Solver(CheckedRecord):
     iteration_limit: int = quantity(
         0,
         '1',
-        'iterations after which a step counts as unconverged; 0: 600 of newton and bdf2, 5000 '
+        'iterations after which a step counts as unconverged; 0: 1000 of newton and bdf2, 5000 '
         'of paper',
         minimum=0,
         maximum=10**12,
@@ -814,7 +814,7 @@ class Scene(CheckedRecord):
     @property
     def iteration_limit(self) -> int:
         """Iterations after which a step counts as unconverged, of the solver or of the method."""
-        usual = 600 if self.method in NEWTON_METHODS else 5000
+        usual = 1000 if self.method in NEWTON_METHODS else 5000
         return self.solver.iteration_limit or usual
 
     def __post_init__(self) -> None:

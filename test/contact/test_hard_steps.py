@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 
 LEFT_OPEN = {  # steps
     'friction 1.5': 0,
-    'wedged, friction 1.5': 1,
+    'wedged, friction 1.5': 0,
     'curled, friction 1.5': 0,
     'joint friction': 0,
 }

@@ -20,7 +20,8 @@ FAST = 'pytest.mark.fast'  # what files of fast tests say
 # They call functions that are compiled for compiled ones only; test_without_compiler.py runs them.
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
-    collect_ignore += ['contact/test_condensing.py', 'stepping/test_change.py']
+    collect_ignore += ['contact/test_central_path.py', 'contact/test_condensing.py']
+    collect_ignore += ['stepping/test_change.py']
     collect_ignore += ['stepping/test_one_step.py', 'dynamics/test_articulated_body.py']
 # They are not on PyPI: .ci/interfaces generates them, test/nodes has stand-ins for them.
 for package, name in (

@@ -54,7 +54,8 @@ def test_physics_runs_without_nodes_and_without_compiler(uncompiled, method, lev
 
 def test_what_is_tested_without_compiler():
     assert_passed(
-        'stepping/test_change.py contact/test_condensing.py dynamics/test_articulated_body.py'
+        'contact/test_central_path.py contact/test_condensing.py '
+        'dynamics/test_articulated_body.py stepping/test_change.py'
     )
 
 

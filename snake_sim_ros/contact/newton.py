@@ -645,7 +645,8 @@ def solve_on_path(
     point, iterations, enough, residual = begin_path(problem), 0, FIRST_END, 0.0
     while residual <= enough and iterations < limit - CORRECTIONS:
         enough = max(tolerance, NEXT_END * enough)
-        point, count, residual = follow_path(problem, point, limit - CORRECTIONS, enough)
+        most = limit - CORRECTIONS - iterations
+        point, count, residual = follow_path(problem, point, most, enough)
         iterations += count
         if residual > enough:
             break

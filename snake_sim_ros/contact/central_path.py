@@ -668,5 +668,31 @@ def follow_path(
             longer = math.sqrt(USUAL / max(off, 1e-3))
             step = min(LONGEST, step * min(LONGER, max(SHORTER, longer)))
         m *= 1.0 + max(falls, -MOST_FALL)
-        residual = residual_on_path(problem, enough)[0]
+        residual = math.inf
+        if is_inside(closed, contacts):
+            residual = residual_on_path(problem, enough)[0]
     return Point(m, first, speed, step), points, residual
+
+
+@compiled
+def end_path(problem: Problem) -> tuple[float, float]:
+    """
+    Fill impulses, velocities and twists of the last point, without impulses of contacts that open.
+
+    Returns
+    -------
+    residual, printed_residual : float
+        As `natural_map` returns them [m/s].
+
+    """
+    laws, closed, contacts, chain, _, _ = problem
+    path, solution = contacts.path, contacts.solution
+    residual_on_path(problem, 0.0)
+    for a in closed:
+        rule = laws.compliance * (path.x[a, 0] - solution.selection_center[a])
+        if path.x[a, 0] <= laws.r_N * (path.gamma[a, 0] + rule):
+            set_three(solution.impulse, a, (0.0, 0.0, 0.0))
+    reset_chain(chain)
+    factor_chain(chain)
+    end_twists(closed, contacts, chain)
+    return natural_map(laws, closed, contacts, 0.0)

@@ -43,9 +43,9 @@ from snake_sim_ros.contact.admissible import (
     return_best,
     take_admissible,
 )
-from snake_sim_ros.contact.central_path import begin_path, follow_path, is_conic, residual_on_path
+from snake_sim_ros.contact.central_path import begin_path, end_path, follow_path, is_conic
 from snake_sim_ros.contact.contacts import CLOSE, Contacts, FREE
-from snake_sim_ros.contact.delassus import condense, condensed_twists, end_twists, make_delassus
+from snake_sim_ros.contact.delassus import condense, condensed_twists, make_delassus
 from snake_sim_ros.contact.laws import (
     anchored_disc,
     Disc,
@@ -70,7 +70,7 @@ from snake_sim_ros.contact.linear_problem import (
 from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
 from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import improve, predict, remember
-from snake_sim_ros.dynamics.articulated_body import Chain, factor_chain, reset_chain
+from snake_sim_ros.dynamics.articulated_body import Chain
 from snake_sim_ros.dynamics.balance import rates_of_twists
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_laws import (
@@ -110,6 +110,7 @@ MORE_SWEEPS = 100  # and when it does not converge
 MOST_SWEPT = 2  # how often that is tried
 # Residuals at which points of a path are corrected: the first, times the share, the next [m/s].
 FIRST_END, NEXT_END = 1e-4, 0.03
+LAST_END = 0.3  # residual at which a path ends, over the tolerance
 MOST_POINTS = 250  # of a path
 CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
@@ -640,11 +641,11 @@ def solve_on_path(
         Whether the laws hold.
 
     """
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, _, _, _ = problem
     tolerance, newton, solution = laws.residual_tolerance, contacts.newton, contacts.solution
     point, iterations, enough, residual = begin_path(problem), 0, FIRST_END, 0.0
     while residual <= enough and iterations < limit - CORRECTIONS:
-        enough = max(tolerance, NEXT_END * enough)
+        enough = max(LAST_END * tolerance, NEXT_END * enough)
         most = limit - CORRECTIONS - iterations
         point, count, residual = follow_path(problem, point, most, enough)
         iterations += count
@@ -661,13 +662,9 @@ def solve_on_path(
         iterations += spent
         if at_end <= tolerance and exact:
             return iterations, at_end, printed, True
-        if residual <= tolerance:
+        if enough <= tolerance:
             break
-    residual, printed = residual_on_path(problem, 0.0)
-    if residual <= tolerance:
-        reset_chain(chain)
-        factor_chain(chain)
-        end_twists(closed, contacts, chain)
+    residual, printed = end_path(problem)
     return iterations, residual, printed, residual <= tolerance
 
 

@@ -37,6 +37,7 @@ pytestmark = pytest.mark.long
 RESIDUAL = 1e-9  # m/s, the tolerance of all scenes
 NOT_UNIQUE = 'mu 5 step 2519'
 SEVERAL_PARTS = 'mu 5 step 5529'  # of which `bdf2` takes more than one
+OTHER = 'mu 5 step 3090'  # whose first problem has another solution than that of the oracle
 PROBLEMS = problem_names()
 each_problem = pytest.mark.parametrize('name', PROBLEMS)
 each_method = pytest.mark.parametrize('method', NEWTON)
@@ -110,6 +111,9 @@ def test_other_methods_are_as_honest(method):
             step = step.after_landing(history.impulse[step.active])
         elif not report.unconverged and history.memory.dt[0] < span(scene):
             assert name == SEVERAL_PARTS  # of which the end of the step shows only the last one
+            assert report.residual_max <= RESIDUAL
+            continue
+        elif name == OTHER and method == 'bdf2':
             assert report.residual_max <= RESIDUAL
             continue
         elif not (of_two_states(history) or report.unconverged):

@@ -443,11 +443,12 @@ def is_inside(closed: Array, contacts: Contacts) -> bool:
 
 @inlined
 def size_of_step(closed: Array, contacts: Contacts, m: float, kind: int) -> float:
-    """Return by how much a step changes x or y of a contact, relative to themselves."""
-    largest = 0.0
+    """Return by how much a step changes x or y of a contact, relative to themselves, at most."""
+    largest = total = 0.0
     for a in closed:
-        largest = max(largest, product_at(contacts, a, kind, kind))
-    return math.sqrt(largest / m)
+        square = product_at(contacts, a, kind, kind)
+        largest, total = max(largest, square), total + square
+    return math.sqrt(largest / m) if math.isfinite(total) else math.inf
 
 
 @inlined
@@ -618,8 +619,6 @@ def follow_path(
     kept_step, kept_m = step, m
     can_return, corrections, points, residual = False, 0, 0, math.inf
     while points < limit and residual > enough and m <= FARTHEST * first:
-        if not is_inside(closed, contacts):
-            break
         points += 1
         smoothing = speed * m / first
         linearize_cones(laws, closed, contacts, smoothing)
@@ -671,6 +670,12 @@ def follow_path(
         residual = math.inf
         if is_inside(closed, contacts):
             residual = residual_on_path(problem, enough)[0]
+        elif can_return and kept_step > SHORTEST:
+            return_to_point(closed, contacts)
+            kept_step *= AGAIN
+            m, step = kept_m, kept_step
+        else:
+            break
     return Point(m, first, speed, step), points, residual
 
 
@@ -695,4 +700,6 @@ def end_path(problem: Problem) -> tuple[float, float]:
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
+    if not math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3]):
+        return math.inf, math.inf
     return natural_map(laws, closed, contacts, 0.0)

@@ -114,7 +114,7 @@ LAST_END = 0.3  # residual at which a path ends, over the tolerance
 MOST_POINTS = 250  # of a path
 CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
-PATIENCE = 20  # iterations after which a path leads to the solution; see `central_path`
+PATIENCE = 40  # iterations after which a path leads to the solution; see `central_path`
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
 # Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the

@@ -48,7 +48,9 @@ def test_newton_dense_finds_the_velocities_of_newton(name):
     # the largest ratio of Delassus entries, tangential over normal, 26/2.9 = 9.
     heavy = 1000 if 'heavy' in name else 1
     elimination = 9 * 1.4e5 * heavy * EPS * max(1e-3, np.abs(u).max())
-    assert np.abs(step.velocities(other_P) - other_u.ravel()).max() <= elimination
+    # Where it follows a path, it ends on the chain and balances momentum, too.
+    on_chain = step.balance_error(other_P, other_u) if other_report.fallbacks else 0.0
+    assert np.abs(step.velocities(other_P) - other_u.ravel()).max() <= elimination + on_chain
     balance = step.balance_error(P, u) + elimination
     assert np.abs(u - other_u).max() <= errors + balance + rounding(P, u)
 

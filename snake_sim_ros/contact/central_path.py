@@ -334,9 +334,9 @@ def add_twists(closed: Array, contacts: Contacts, chain: Chain) -> None:
 
 
 @compiled
-def respond(problem: Problem) -> None:
-    """Fill gamma with ``dgamma`` for the ``P'`` that impulse has; see `linearize_cones`."""
-    _, closed, contacts, chain, pairs, _ = problem
+def respond(problem: Problem, kind: int) -> None:
+    """Fill a step of all contacts from what `load_cone` filled; see `linearize_cones`."""
+    laws, closed, contacts, chain, pairs, _ = problem
     count = count_single(closed, contacts, pairs)
     no_twists(chain)
     add_twists(closed[:count], contacts, chain)
@@ -344,6 +344,7 @@ def respond(problem: Problem) -> None:
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     for a in closed:
         contacts.solution.gamma[a, 0] -= contacts.solution.shift[a]
+        take_response(laws, contacts, a, kind)
 
 
 @inlined
@@ -389,13 +390,14 @@ def load_cone(laws: Laws, contacts: Contacts, a: int, goal: Three, rest: Three) 
     w, eta = triple(path.w, a), path.eta[a]
     b = moved(goal, -1.0, scaled_twice(eta, w, rest))
     set_three(path.right, a, b)
+    set_three(path.rest, a, rest)
     v = scaled_twice(eta, w, (1.0, 0.0, 0.0))
     b = moved(b, -c * b[0] / (1.0 + c * v[0]), v)
     set_three(contacts.solution.impulse, a, (b[0], path.mu[a, 0] * b[1], path.mu[a, 1] * b[2]))
 
 
 @inlined
-def take_response(laws: Laws, contacts: Contacts, a: int, rest: Three, kind: int) -> None:
+def take_response(laws: Laws, contacts: Contacts, a: int, kind: int) -> None:
     """Fill the step of contact a that follows from a response."""
     path, c, gamma = contacts.path, laws.compliance, contacts.solution.gamma
     w, eta = triple(path.w, a), path.eta[a]
@@ -403,7 +405,7 @@ def take_response(laws: Laws, contacts: Contacts, a: int, rest: Three, kind: int
     h = gamma[a, 0] + path.follow[a, 0] * x + path.follow[a, 1] * y, x, y
     r = moved(triple(path.right, a), -1.0, scaled_twice(eta, w, h))
     v = scaled_twice(eta, w, (1.0, 0.0, 0.0))
-    r = moved(r, -c * r[0] / (1.0 + c * v[0]), v)
+    r, rest = moved(r, -c * r[0] / (1.0 + c * v[0]), v), triple(path.rest, a)
     set_three(path.step_x[a], kind, r)
     set_three(path.step_y[a], kind, (rest[0] + h[0] + c * r[0], rest[1] + h[1], rest[2] + h[2]))
     set_three(path.step_gamma[a], kind, triple(gamma, a))
@@ -504,10 +506,7 @@ def find_back(problem: Problem, m: float, smoothing: float) -> None:
         goal = moved(times(m / cone_det(y), reflected(y)), -1.0, x)
         rest = moved(velocity_of(laws, contacts, a, smoothing), -1.0, y)
         load_cone(laws, contacts, a, goal, rest)
-    respond(problem)
-    for a in closed:
-        rest = moved(velocity_of(laws, contacts, a, smoothing), -1.0, triple(path.y, a))
-        take_response(laws, contacts, a, rest, BACK)
+    respond(problem, BACK)
 
 
 @inlined
@@ -518,11 +517,7 @@ def find_along(problem: Problem, m: float, smoothing: float) -> None:
         y, speed = triple(contacts.path.y, a), smoothed_speed(contacts, a, smoothing)
         goal = times(m / cone_det(y), reflected(y))
         load_cone(laws, contacts, a, goal, (smoothing * smoothing / speed, 0.0, 0.0))
-    respond(problem)
-    for a in closed:
-        speed = smoothed_speed(contacts, a, smoothing)
-        rest = smoothing * smoothing / speed, 0.0, 0.0
-        take_response(laws, contacts, a, rest, ALONG)
+    respond(problem, ALONG)
 
 
 @inlined
@@ -539,10 +534,7 @@ def find_second(problem: Problem, m: float, smoothing: float) -> None:
         goal = scaled_once(eta, w, divided(left, middle))
         rest = moved(velocity_of(laws, contacts, a, smoothing), -1.0, y)
         load_cone(laws, contacts, a, goal, rest)
-    respond(problem)
-    for a in closed:
-        rest = moved(velocity_of(laws, contacts, a, smoothing), -1.0, triple(path.y, a))
-        take_response(laws, contacts, a, rest, SECOND)
+    respond(problem, SECOND)
 
 
 @inlined

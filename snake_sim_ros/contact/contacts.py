@@ -100,6 +100,7 @@ class PathScratch:
     follow: Annotated[Array, float, 2]  # change of the friction that slides with its velocity [1]
     stiffness: Annotated[Array, float, 3, 3]  # K of dP = P' - K dgamma [kg]
     right: Point  # right side of a linear problem, in x [N s]
+    rest: Point  # by which y is to change besides with gamma and x [m/s]
     # Steps of x, y and gamma by their kinds, see `central_path.BACK`.
     step_x: Annotated[Array, float, 4, 3]
     step_y: Annotated[Array, float, 4, 3]

@@ -540,9 +540,7 @@ def iterate_laws(
 
 
 @inlined
-def iterate(
-    problem: Problem, limit: int, operator: Operator | None, history: ContactHistory
-) -> Outcome:
+def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
     """
     Find impulses and twists that satisfy the contact laws, from what `predict` filled.
 
@@ -552,8 +550,6 @@ def iterate(
     limit : int
         Largest number of iterations.
     operator : Operator or None
-    history : ContactHistory
-        That of the last step.
 
     Returns
     -------
@@ -746,7 +742,7 @@ def solve_prepared(
     """Solve contacts after `prepare_contacts`; see `problem.solve_contacts`."""
     laws, closed, contacts, chain, _, _ = problem
     predict(laws, closed, contacts, history)
-    outcome = iterate(problem, limit, operator, history)
+    outcome = iterate(problem, limit, operator)
     fill_twists(laws, closed, contacts, chain, operator)
     if not outcome.converged:
         outcome = admissible_outcome(problem, outcome)

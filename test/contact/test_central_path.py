@@ -48,7 +48,7 @@ def problem_of(name):
     class FoundError(Exception):
         pass
 
-    def stop(problem, limit, operator, history):
+    def stop(problem, limit, operator):
         raise FoundError(problem)
 
     step = load_hard_steps()[name][STEPS[name]]

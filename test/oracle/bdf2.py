@@ -84,7 +84,7 @@ from snake_sim_ros.dynamics.joint_laws import make_joint_laws
 from snake_sim_ros.scene import obstacles, posture
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.scene.rotations import CONJUGATE, cross, H_bar, product, rotation_matrices
-from snake_sim_ros.stepping.bdf2.events import DEEP, FLAT_GAP, RESTING_GAP
+from snake_sim_ros.stepping.bdf2.events import DEEP, FEW, FLAT_GAP, RESTING_GAP
 from snake_sim_ros.stepping.bdf2.formula import AFTER_EVENT, ANEW, SMOOTH, TICKS, UNKNOWN
 from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory, CONSISTENT_SPEED, Motion
 from snake_sim_ros.stepping.bdf2.step import MOST_CLOSINGS, PRESS_SPEED
@@ -460,7 +460,8 @@ def placed(
     Gaps are closed of contacts that carry load, or that are deeper than at the start.
     """
     robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
-    left = min(left_gap(closed_gap(scene.solver.activation_tolerance, scene.dt)), FLAT_GAP)
+    left = left_gap(closed_gap(scene.solver.activation_tolerance, scene.dt))
+    left = min(left, FLAT_GAP) if contacts.loaded.sum() > FEW else left
     for attempt in range(MOST_CLOSINGS + 1):
         gap = gap - start_gap
         closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | contacts.loaded)

@@ -48,10 +48,11 @@ from snake_sim_ros.stepping.model import Model, Workspace
 # become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
 DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
-# Gap that loaded contacts keep at most, whatever the step. Where a robot has fewer freedoms than
-# contacts, unequal gaps tilt its links. What these turn about tilted axes, at some rad/s, must
-# press contacts much less than the selection rule does, which is at `PRESS_SPEED` of the method.
-FLAT_GAP = 2e-10  # [m]
+# Gap that loaded contacts keep at most, whatever the step, if they are more than FEW. Where a robot
+# has fewer freedoms than contacts, unequal gaps tilt its links. What these turn about tilted axes,
+# at some rad/s, must press contacts much less than the selection rule does, which is at
+# `PRESS_SPEED` of the method. On a few contacts a robot tilts as a whole.
+FLAT_GAP, FEW = 2e-10, 3  # [m], [1]
 
 
 @inlined
@@ -206,13 +207,17 @@ def place_end(
     laws, closed, contacts, chain, pairs, joints = problem
     geometry, solution = contacts.geometry, contacts.solution
     robot, move = model.robot, own.closing
+    loaded = 0
     for a in closed:
         solution.is_loaded[a] = solution.impulse[a, 0] > 0.0
+        loaded += solution.is_loaded[a]
         geometry.start_gap[a] = 0.0
         if was_deep:
             gap = gap_at(model.obstacles, robot, q_start, contacts, a)
             geometry.start_gap[a] = min(gap, 0.0)
-    left = min(left_gap(model.closed_gap), FLAT_GAP)
+    left = left_gap(model.closed_gap)
+    if loaded > FEW:
+        left = min(left, FLAT_GAP)
     for attempt in range(most_closings + 1):
         to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
         if to_close > left and attempt < most_closings:

@@ -48,9 +48,9 @@ from snake_sim_ros.stepping.model import Model, Workspace
 # become a velocity. Beyond, the contact is open, and may land.
 RESTING_GAP = 1e-4  # [m]
 DEEP = 1e-6  # penetration at the end of a step with which it is repeated [m]
-# Gap that loaded contacts keep at most, whatever the step, if they are more than FEW. Where a robot
-# has fewer freedoms than contacts, unequal gaps tilt its links. What these turn about tilted axes,
-# at some rad/s, must press contacts much less than the selection rule does, which is at
+# Gap that loaded contacts keep at most, whatever the step, if they are more than FEW. Where a
+# robot has fewer freedoms than contacts, unequal gaps tilt its links. What these turn about tilted
+# axes, at some rad/s, must press contacts much less than the selection rule does, which is at
 # `PRESS_SPEED` of the method. On a few contacts a robot tilts as a whole.
 FLAT_GAP, FEW = 2e-10, 3  # [m], [1]
 

@@ -94,7 +94,8 @@ class BuildWithMachineCode(build_py):
         shutil.rmtree(target, ignore_errors=True)
         command = [sys.executable, '-m', f'{package_name}.stepping.machine_code', str(target)]
         path = os.pathsep.join([str(library), *filter(None, sys.path)])  # pip adds folders to it
-        environment = {**os.environ, 'PYTHONPATH': path}
+        # The wheel has sources and machine code, and no bytecode of this Python beside them.
+        environment = {**os.environ, 'PYTHONPATH': path, 'PYTHONDONTWRITEBYTECODE': '1'}
         done = subprocess.run(command, cwd=library, env=environment)
         if done.returncode:
             print('the package brings no machine code: it compiles when it first starts')

@@ -21,8 +21,8 @@ FAST = 'pytest.mark.fast'  # what files of fast tests say
 collect_ignore = []
 if not os.environ.get('NUMBA_DISABLE_JIT'):
     collect_ignore += ['contact/test_central_path.py', 'contact/test_condensing.py']
-    collect_ignore += ['stepping/test_change.py']
-    collect_ignore += ['stepping/test_one_step.py', 'dynamics/test_articulated_body.py']
+    collect_ignore += ['stepping/test_change.py', 'stepping/test_one_step.py']
+    collect_ignore += ['dynamics/test_articulated_body.py', 'dynamics/test_joint_path.py']
 # They are not on PyPI: .ci/interfaces generates them, test/nodes has stand-ins for them.
 for package, name in (
     ('control_msgs', 'follow_joint_trajectory'),

@@ -55,7 +55,7 @@ def test_physics_runs_without_nodes_and_without_compiler(uncompiled, method, lev
 def test_what_is_tested_without_compiler():
     assert_passed(
         'contact/test_central_path.py contact/test_condensing.py '
-        'dynamics/test_articulated_body.py stepping/test_change.py'
+        'dynamics/test_articulated_body.py dynamics/test_joint_path.py stepping/test_change.py'
     )
 
 

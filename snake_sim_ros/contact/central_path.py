@@ -4,9 +4,10 @@
 A path to the solution of the contact laws, for steps in which Newton's method does not converge.
 
 Friction scaled by its coefficients, S = diag(1, mu_x, mu_y), leaves a contact the impulses
-x = S^-1 P of a circular cone K. With the speed of sliding added to the normal velocity [1]_,
-``y = S gamma + (c (P_N - center) + |(S gamma)_T|, 0, 0)`` and the compliance c of the selection
-rule, the laws are ``x in K, y in K, x . y = 0``.
+x = S^-1 P of a circular cone K, of whose halves each has its mu_x if friction differs forward and
+backward. With the speed of sliding added to the normal velocity [1]_, ``y = S gamma + (c (P_N -
+center) + |(S gamma)_T|, 0, 0)`` and the compliance c of the selection rule, the laws are ``x in K,
+y in K, x . y = 0``.
 
 On the central path the last equation is ``x o y = m e``, with a number m > 0, the product o of the
 Jordan algebra of the cone, and its unit e [2]_. The speed of sliding is smoothed by a speed in
@@ -20,7 +21,7 @@ Lengths are relative to x and y, in the scaling of Nesterov and Todd that makes 
 
 A point takes one factorization of the chain and three linear problems: back to the path, along it,
 and what is of second order in both steps. Contacts of two links are condensed, as in
-`linear_problem.couple_pairs`.
+`linear_problem.couple_pairs`. Laws of joints are round on the path, see `dynamics.joint_path`.
 
 .. [1] G. de Saxce, Z.-Q. Feng, "The bipotential method: a constructive approach to design the
    complete contact law with friction", Math. Comput. Modelling 28, 1998.
@@ -36,11 +37,25 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate, end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, OtherFriction, rolls, sliding_disc
-from snake_sim_ros.contact.linear_problem import add_point_inertia, count_single
-from snake_sim_ros.contact.problem import Problem
+from snake_sim_ros.contact.linear_problem import add_point_inertia, count_single, load_chain
+from snake_sim_ros.contact.problem import joints_residual, Problem
 from snake_sim_ros.contact.shapes import inner, moved, times, triple
 from snake_sim_ros.dynamics.articulated_body import Chain, correct_chain, factor_chain, reset_chain
+from snake_sim_ros.dynamics.balance import axis_loads, rates_of_twists
 from snake_sim_ros.dynamics.compilation import compiled, inlined
+from snake_sim_ros.dynamics.joint_path import (
+    axes_product,
+    axes_way,
+    begin_axes,
+    change_axes,
+    copy_point,
+    end_axes,
+    linearize_on_path,
+    load_step,
+    move_axes_on,
+    take_axes,
+)
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.dynamics.spatial_vectors import Three
 from snake_sim_ros.scene.parameters import Array
 
@@ -57,18 +72,19 @@ FARTHEST = 100.0  # m over that at first, from which the path came back
 LESS = 0.7  # by which a step becomes shorter that would leave a cone
 MOST_CORRECTIONS = 3  # points off the path, one after the other
 MOST_FALL = 0.999  # share by which m falls at most
+TURNING = 3000.0  # rates of joints over which their laws are round, over that speed [rad/m]
 # Kinds of steps: back to the path, along it, of second order, and what is taken first.
 BACK, ALONG, SECOND, TAKEN = range(4)
 
 
 @inlined
 def is_conic(laws: Laws, other: OtherFriction | None) -> bool:
-    """Return whether the laws are those of one cone for each contact; `other` is laws.other."""
+    """Return whether there is a path for the laws of contacts; `other` is laws.other."""
     if rolls(laws):
         return False
     if other is None:
         return True
-    return not (other.has_sides or other.falls)
+    return not other.falls
 
 
 @inlined
@@ -147,6 +163,25 @@ def velocity_of(laws: Laws, contacts: Contacts, a: int, smoothing: float) -> Thr
     )
 
 
+@inlined
+def side_of(laws: Laws, contacts: Contacts, a: int) -> float:
+    """Return mu_x of contact a on the side that its impulse is on."""
+    disc = sliding_disc(laws, laws.other, a, contacts.path.x[a, 1])
+    return grip(laws.other, contacts, a) * disc.mu_x
+
+
+@inlined
+def take_sides(laws: Laws, closed: Array, contacts: Contacts) -> None:
+    """Scale x and y anew where impulses are on the other side; on the path both are 0 between."""
+    path = contacts.path
+    for a in closed:
+        mu_x = side_of(laws, contacts, a)
+        if mu_x != path.mu[a, 0] and mu_x * path.mu[a, 0] > 0.0:
+            share = path.mu[a, 0] / mu_x
+            path.x[a, 1], path.y[a, 1] = share * path.x[a, 1], path.y[a, 1] / share
+            path.mu[a, 0] = mu_x
+
+
 class Point(NamedTuple):
     """A point of the path, with x, y and gamma of the contacts."""
 
@@ -159,8 +194,10 @@ class Point(NamedTuple):
 @compiled
 def begin_path(problem: Problem) -> Point:
     """Fill x, y and gamma of the closed contacts with those where the path begins."""
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, chain, _, joints = problem
     solution, path = contacts.solution, contacts.path
+    if joints.take_part:
+        load_chain(joints, chain)
     reset_chain(chain)
     factor_chain(chain)
     for a in closed:
@@ -183,14 +220,20 @@ def begin_path(problem: Problem) -> Point:
         set_three(path.x, a, (laws.r_N * speed, 0.0, 0.0))
         set_three(path.y, a, (speed, 0.0, 0.0))
         set_three(path.gamma, a, triple(solution.gamma, a))
+    if joints.take_part:
+        rates_of_twists(chain, joints.axes.rate)
+        begin_axes(joints.axes, (joints.torque, joints.damping))
     first = laws.r_N * speed * speed
     return Point(first, first, speed, FIRST_STEP)
 
 
 @inlined
-def linearize_cones(laws: Laws, closed: Array, contacts: Contacts, smoothing: float) -> None:
-    """Fill scaling and stiffness of the closed contacts, ``dP = P' - K dgamma``."""
+def linearize(problem: Problem, smoothing: float) -> None:
+    """Fill scaling and stiffness of the contacts, ``dP = P' - K dgamma``, and loads of joints."""
+    laws, closed, contacts, _, _, joints = problem
     path, c = contacts.path, laws.compliance
+    if joints.take_part:
+        linearize_on_path(joints.laws, joints.axes, joints.damping, TURNING * smoothing)
     for a in closed:
         x, y = triple(path.x, a), triple(path.y, a)
         det_x, det_y = math.sqrt(cone_det(x)), math.sqrt(cone_det(y))
@@ -263,11 +306,12 @@ def factor_cones(problem: Problem) -> float:
         The sign of the determinant, 1 or -1.
 
     """
-    _, closed, contacts, chain, pairs, _ = problem
+    _, closed, contacts, chain, pairs, joints = problem
     single = closed[: count_single(closed, contacts, pairs)]
+    if joints.take_part:
+        axis_loads(joints.torque, joints.damping, chain)
     reset_chain(chain)
-    for j in range(len(chain.residual_torque)):
-        chain.residual_torque[j, 0] = chain.residual_torque[j, 1] = 0.0
+    no_torques(chain)
     add_cones(single, contacts, chain.frame, chain.inertia)
     factor_chain(chain)
     sign, root = 1.0, chain.inertia[len(chain.inertia) // 2]
@@ -333,18 +377,32 @@ def add_twists(closed: Array, contacts: Contacts, chain: Chain) -> None:
     correct_chain(chain)
 
 
+@inlined
+def no_torques(chain: Chain) -> None:
+    """Set the torques that `add_twists` takes to 0."""
+    for j in range(len(chain.residual_torque)):
+        chain.residual_torque[j, 0] = chain.residual_torque[j, 1] = 0.0
+
+
 @compiled
 def respond(problem: Problem, kind: int) -> None:
-    """Fill a step of all contacts from what `load_cone` filled; see `linearize_cones`."""
-    laws, closed, contacts, chain, pairs, _ = problem
+    """Fill a step from what `load_cone` and `load_step` filled; see `linearize`."""
+    laws, closed, contacts, chain, pairs, joints = problem
     count = count_single(closed, contacts, pairs)
     no_twists(chain)
+    if joints.take_part:
+        axis_loads(joints.torque, joints.damping, chain)
+        copy_rows(chain.torque, chain.residual_torque, 2)
     add_twists(closed[:count], contacts, chain)
+    no_torques(chain)
     respond_with_pairs(closed[count:], contacts, chain, pairs)
     contact_velocities(closed, contacts, chain.frame, chain.twist)
     for a in closed:
         contacts.solution.gamma[a, 0] -= contacts.solution.shift[a]
         take_response(laws, contacts, a, kind)
+    if joints.take_part:
+        rates_of_twists(chain, joints.axes.rate)
+        take_axes(joints.axes, (joints.torque, joints.damping), kind)
 
 
 @inlined
@@ -412,12 +470,16 @@ def take_response(laws: Laws, contacts: Contacts, a: int, kind: int) -> None:
 
 
 @inlined
-def product(closed: Array, contacts: Contacts, m: float, one: int, other: int) -> float:
+def product(problem: Problem, m: float, one: int, other: int) -> float:
     """Return the inner product of two steps, in the scaling at the point where they begin."""
-    total = 0.0
+    _, closed, contacts, _, _, joints = problem
+    total, count = 0.0, 6.0 * len(closed)
     for a in closed:
         total += product_at(contacts, a, one, other)
-    return total / (6.0 * len(closed) * m)
+    if joints.take_part:
+        total += m * axes_product(joints.laws, joints.axes, one, other)
+        count += 2.0 * len(joints.torque)
+    return total / (count * m)
 
 
 @inlined
@@ -444,20 +506,24 @@ def is_inside(closed: Array, contacts: Contacts) -> bool:
 
 
 @inlined
-def size_of_step(closed: Array, contacts: Contacts, m: float, kind: int) -> float:
-    """Return by how much a step changes x or y of a contact, relative to themselves, at most."""
+def size_of_step(problem: Problem, m: float, kind: int) -> float:
+    """Return by how much a step changes a contact or an axis, relative to themselves, at most."""
+    _, closed, contacts, _, _, joints = problem
     largest = total = 0.0
     for a in closed:
         square = product_at(contacts, a, kind, kind)
         largest, total = max(largest, square), total + square
-    return math.sqrt(largest / m) if math.isfinite(total) else math.inf
+    size = math.sqrt(largest / m) if math.isfinite(total) else math.inf
+    return max(size, axes_way(joints.laws, joints.axes, kind)) if joints.take_part else size
 
 
 @inlined
-def add_step(closed: Array, contacts: Contacts, kind: int, share: float, other: int) -> None:
+def add_step(problem: Problem, kind: int, share: float, other: int) -> None:
     """Add a share of another step to one."""
-    path = contacts.path
-    for a in closed:
+    path, joints = problem.contacts.path, problem.joints
+    if joints.take_part:
+        change_axes(joints.axes, kind, 1.0, share, other)
+    for a in problem.closed:
         for j in range(3):
             path.step_x[a, kind, j] += share * path.step_x[a, other, j]
             path.step_y[a, kind, j] += share * path.step_y[a, other, j]
@@ -465,10 +531,12 @@ def add_step(closed: Array, contacts: Contacts, kind: int, share: float, other: 
 
 
 @inlined
-def set_step(closed: Array, contacts: Contacts, kind: int, share: float, other: int) -> None:
+def set_step(problem: Problem, kind: int, share: float, other: int) -> None:
     """Set a step to a share of another one."""
-    path = contacts.path
-    for a in closed:
+    path, joints = problem.contacts.path, problem.joints
+    if joints.take_part:
+        change_axes(joints.axes, kind, 0.0, share, other)
+    for a in problem.closed:
         for j in range(3):
             path.step_x[a, kind, j] = share * path.step_x[a, other, j]
             path.step_y[a, kind, j] = share * path.step_y[a, other, j]
@@ -476,10 +544,12 @@ def set_step(closed: Array, contacts: Contacts, kind: int, share: float, other: 
 
 
 @inlined
-def move_on(closed: Array, contacts: Contacts, share: float, kind: int) -> None:
-    """Move x, y and gamma by a share of a step."""
-    path = contacts.path
-    for a in closed:
+def move_on(problem: Problem, share: float, kind: int) -> None:
+    """Move x, y and gamma, and the axes, by a share of a step."""
+    path, joints = problem.contacts.path, problem.joints
+    if joints.take_part:
+        move_axes_on(joints.axes, share, kind)
+    for a in problem.closed:
         for j in range(3):
             path.x[a, j] += share * path.step_x[a, kind, j]
             path.y[a, j] += share * path.step_y[a, kind, j]
@@ -499,7 +569,9 @@ def way_of(closed: Array, contacts: Contacts, kind: int) -> float:
 @inlined
 def find_back(problem: Problem, m: float, smoothing: float) -> None:
     """Fill the step BACK to the path, for the present m."""
-    laws, closed, contacts, _, _, _ = problem
+    laws, closed, contacts, _, _, joints = problem
+    if joints.take_part:
+        load_step(joints.laws, joints.axes, joints.torque, TURNING * smoothing, False)
     path = contacts.path
     for a in closed:
         x, y = triple(path.x, a), triple(path.y, a)
@@ -512,7 +584,9 @@ def find_back(problem: Problem, m: float, smoothing: float) -> None:
 @inlined
 def find_along(problem: Problem, m: float, smoothing: float) -> None:
     """Fill the step ALONG the path by which m would change by itself."""
-    laws, closed, contacts, _, _, _ = problem
+    laws, closed, contacts, _, _, joints = problem
+    if joints.take_part:
+        load_step(joints.laws, joints.axes, joints.torque, TURNING * smoothing, True)
     for a in closed:
         y, speed = triple(contacts.path.y, a), smoothed_speed(contacts, a, smoothing)
         goal = times(m / cone_det(y), reflected(y))
@@ -523,7 +597,9 @@ def find_along(problem: Problem, m: float, smoothing: float) -> None:
 @inlined
 def find_second(problem: Problem, m: float, smoothing: float) -> None:
     """Fill the step SECOND to the path from where x, y and gamma were moved since `find_back`."""
-    laws, closed, contacts, _, _, _ = problem
+    laws, closed, contacts, _, _, joints = problem
+    if joints.take_part:
+        load_step(joints.laws, joints.axes, joints.torque, TURNING * smoothing, False)
     path = contacts.path
     for a in closed:
         w, eta, y = triple(path.w, a), path.eta[a], triple(path.y, a)
@@ -546,23 +622,28 @@ def divided(a: Three, b: Three) -> Three:
 
 
 @inlined
-def keep_point(closed: Array, contacts: Contacts) -> None:
-    """Keep x, y and gamma, to which `return_to_point` returns."""
-    path = contacts.path
-    for a in closed:
+def keep_point(problem: Problem) -> None:
+    """Keep x, y and gamma, and the axes, to which `return_to_point` returns."""
+    path, joints = problem.contacts.path, problem.joints
+    if joints.take_part:
+        copy_point(joints.axes.path.point, joints.axes.path.kept)
+    for a in problem.closed:
         set_three(path.kept[a], 0, triple(path.x, a))
         set_three(path.kept[a], 1, triple(path.y, a))
         set_three(path.kept[a], 2, triple(path.gamma, a))
 
 
 @inlined
-def return_to_point(closed: Array, contacts: Contacts) -> None:
+def return_to_point(problem: Problem) -> None:
     """Return to the point of `keep_point`."""
-    path = contacts.path
-    for a in closed:
+    path, joints = problem.contacts.path, problem.joints
+    if joints.take_part:
+        copy_point(joints.axes.path.kept, joints.axes.path.point)
+    for a in problem.closed:
         set_three(path.x, a, triple(path.kept[a], 0))
         set_three(path.y, a, triple(path.kept[a], 1))
         set_three(path.gamma, a, triple(path.kept[a], 2))
+        path.mu[a, 0] = side_of(problem.laws, problem.contacts, a)
 
 
 @inlined
@@ -576,15 +657,18 @@ def keep_middle(closed: Array, contacts: Contacts) -> None:
 
 @inlined
 def residual_on_path(problem: Problem, enough: float) -> tuple[float, float]:
-    """Fill impulses and velocities of the contacts; return what `natural_map` does."""
-    laws, closed, contacts, _, _, _ = problem
+    """Fill impulses, velocities and rates; return what `natural_map` does, with the joints."""
+    laws, closed, contacts, _, _, joints = problem
     path, solution = contacts.path, contacts.solution
     for a in closed:
         solution.impulse[a, 0] = path.x[a, 0]
         for j in range(2):
             solution.impulse[a, 1 + j] = path.mu[a, j] * path.x[a, 1 + j]
         set_three(solution.gamma, a, triple(path.gamma, a))
-    return natural_map(laws, closed, contacts, enough)
+    if joints.take_part:
+        end_axes(joints.axes, (joints.torque, joints.damping))
+    residual, printed = natural_map(laws, closed, contacts, enough)
+    return max(residual, joints_residual(joints)), printed
 
 
 @compiled
@@ -613,27 +697,27 @@ def follow_path(
     while points < limit and residual > enough and m <= FARTHEST * first:
         points += 1
         smoothing = speed * m / first
-        linearize_cones(laws, closed, contacts, smoothing)
+        linearize(problem, smoothing)
         sign = -factor_cones(problem)  # m falls where the determinant is positive
         find_back(problem, m, smoothing)
         find_along(problem, m, smoothing)
-        square = product(closed, contacts, m, ALONG, ALONG) + 1.0
-        change = -product(closed, contacts, m, BACK, ALONG) / square
-        add_step(closed, contacts, BACK, change, ALONG)
-        off = size_of_step(closed, contacts, m, BACK)
+        square = product(problem, m, ALONG, ALONG) + 1.0
+        change = -product(problem, m, BACK, ALONG) / square
+        add_step(problem, BACK, change, ALONG)
+        off = size_of_step(problem, m, BACK)
         corrections = corrections + 1 if off > OFF_PATH else 0
         if not off <= LOST or corrections > MOST_CORRECTIONS:
             kept_step *= AGAIN
             if not can_return or kept_step < SHORTEST:
                 break
-            return_to_point(closed, contacts)
+            return_to_point(problem)
             m, step, corrections = kept_m, kept_step, 0
             continue
         taken = step if off <= OFF_PATH else 0.0
         per_step = sign / math.sqrt(square)
         while True:
-            set_step(closed, contacts, TAKEN, 1.0, BACK)
-            add_step(closed, contacts, TAKEN, taken * per_step, ALONG)
+            set_step(problem, TAKEN, 1.0, BACK)
+            add_step(problem, TAKEN, taken * per_step, ALONG)
             falls = change + taken * per_step
             way = way_of(closed, contacts, TAKEN)
             if falls < -MOST_OF_WAY:
@@ -643,27 +727,28 @@ def follow_path(
             taken = LESS * taken if taken > SHORTEST else 0.0
         share = min(1.0, MOST_OF_WAY * way)
         if taken > 0.0:
-            keep_point(closed, contacts)
+            keep_point(problem)
             kept_m, kept_step, can_return, step = m, taken, True, taken
         keep_middle(closed, contacts)
-        move_on(closed, contacts, share, TAKEN)
+        move_on(problem, share, TAKEN)
         falls *= share
         if taken > 0.0:
             find_second(problem, m * (1.0 + falls), smoothing * (1.0 + falls))
-            change = -product(closed, contacts, m, SECOND, ALONG) / square
-            add_step(closed, contacts, SECOND, change, ALONG)
-            if size_of_step(closed, contacts, m, SECOND) <= LOST:
+            change = -product(problem, m, SECOND, ALONG) / square
+            add_step(problem, SECOND, change, ALONG)
+            if size_of_step(problem, m, SECOND) <= LOST:
                 share = min(1.0, MOST_OF_WAY * way_of(closed, contacts, SECOND))
-                move_on(closed, contacts, share, SECOND)
+                move_on(problem, share, SECOND)
                 falls += share * change
             longer = math.sqrt(USUAL / max(off, 1e-3))
             step = min(LONGEST, step * min(LONGER, max(SHORTER, longer)))
         m *= 1.0 + max(falls, -MOST_FALL)
         residual = math.inf
+        take_sides(laws, closed, contacts)
         if is_inside(closed, contacts):
             residual = residual_on_path(problem, enough)[0]
         elif can_return and kept_step > SHORTEST:
-            return_to_point(closed, contacts)
+            return_to_point(problem)
             kept_step *= AGAIN
             m, step = kept_m, kept_step
         else:
@@ -682,9 +767,11 @@ def end_path(problem: Problem) -> tuple[float, float]:
         As `natural_map` returns them [m/s].
 
     """
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, chain, _, joints = problem
     path, solution = contacts.path, contacts.solution
     residual_on_path(problem, 0.0)
+    if joints.take_part:
+        axis_loads(joints.torque, joints.damping, chain)
     for a in closed:
         rule = laws.compliance * (path.x[a, 0] - solution.selection_center[a])
         if path.x[a, 0] <= laws.r_N * (path.gamma[a, 0] + rule):
@@ -694,4 +781,7 @@ def end_path(problem: Problem) -> tuple[float, float]:
     end_twists(closed, contacts, chain)
     if not math.isfinite(chain.twist[0, 3] + chain.twist[len(chain.twist) - 1, 3]):
         return math.inf, math.inf
-    return natural_map(laws, closed, contacts, 0.0)
+    if joints.take_part:
+        rates_of_twists(chain, joints.axes.rate)
+    residual, printed = natural_map(laws, closed, contacts, 0.0)
+    return max(residual, joints_residual(joints)), printed

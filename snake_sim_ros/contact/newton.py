@@ -67,7 +67,15 @@ from snake_sim_ros.contact.linear_problem import (
     normal_law,
     Operator,
 )
-from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.problem import (
+    ContactHistory,
+    Joints,
+    joints_residual,
+    LEVER,
+    Outcome,
+    Problem,
+    solve_contacts,
+)
 from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import improve, predict, remember
 from snake_sim_ros.dynamics.articulated_body import Chain
@@ -76,7 +84,6 @@ from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_laws import (
     anchor_axes,
     axes_error,
-    axes_residual,
     move_axes,
     return_axes,
     save_axes,
@@ -102,8 +109,6 @@ FLAT_SLOPE, MOST_SEARCHED = 0.1, 20
 # laws every other point halves the interval, after some of them.
 STEEP, MOST_STEEP = 8, 40
 REFINES = 0.9  # an iteration that leaves a larger share of the residual does not refine it
-# By which residuals of joints, which are rates, are velocities: they add up along a robot [m].
-LEVER = 10.0
 COUPLED_ITERATIONS = 6  # iterations before the radii are held for the first time
 SWEEPS = 4  # sweeps over condensed contacts before the first iteration
 MORE_SWEEPS = 100  # and when it does not converge
@@ -114,7 +119,9 @@ LAST_END = 0.3  # residual at which a path ends, over the tolerance
 MOST_POINTS = 250  # of a path
 CORRECTIONS = 6  # iterations from a point of a path
 LATER_COUPLED_ITERATIONS = 4  # iterations between rounds with held radii
-PATIENCE = 40  # iterations after which a path leads to the solution; see `central_path`
+# Iterations after which a path leads to the solution; see `central_path`. With laws of joints
+# paths are longer, and Newton's method solves more steps in time.
+PATIENCE, PATIENCE_WITH_JOINTS = 40, 100
 MOST_COUPLED_ITERATIONS = 100  # of either, while the residual falls
 HELD_ITERATIONS = 30  # iterations with held radii, at most
 # Radii are far from the loads in the first rounds, for which a rough solution is enough. Later the
@@ -260,14 +267,6 @@ def joints_error(joints: Joints, fraction: float) -> tuple[float, float]:
     loads = joints.torque, joints.damping
     slope, residual = axes_error(joints.laws, joints.axes, loads, fraction)
     return slope, LEVER * residual
-
-
-@inlined
-def joints_residual(joints: Joints) -> float:
-    """Return what `joint_laws.axes_residual` does, as a velocity; 0 if they take no part."""
-    if not joints.take_part:
-        return 0.0
-    return LEVER * axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
 
 
 @inlined
@@ -564,7 +563,8 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
     following, least, best = begin_to_follow(), math.inf, math.inf
     swept = attempts_with_sweeps(operator)
     rounds = -swept
-    may_follow = is_conic(laws, laws.other) and not joints.take_part
+    may_follow = is_conic(laws, laws.other)
+    patience = PATIENCE_WITH_JOINTS if joints.take_part else PATIENCE
     while iterations < limit:
         steps = COUPLED_ITERATIONS if rounds <= 0 else LATER_COUPLED_ITERATIONS
         round, most = Round(COUPLED, tolerance, steps, rounds > 0), limit - iterations
@@ -606,7 +606,7 @@ def iterate(problem: Problem, limit: int, operator: Operator | None) -> Outcome:
             rounds += 1
             continue
         held = True
-        if may_follow and PATIENCE <= iterations < limit - 2 * HELD_ITERATIONS:
+        if may_follow and patience <= iterations < limit - 2 * HELD_ITERATIONS:
             may_follow = False
             keep_on_chain(operator)
             spent, residual, printed, done = solve_on_path(

@@ -10,9 +10,12 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus
 from snake_sim_ros.contact.laws import Laws
 from snake_sim_ros.dynamics.articulated_body import Chain
-from snake_sim_ros.dynamics.compilation import Dispatched
-from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws
+from snake_sim_ros.dynamics.compilation import Dispatched, inlined
+from snake_sim_ros.dynamics.joint_laws import axes_residual, AxisLaws, JointLaws
 from snake_sim_ros.scene.parameters import Array
+
+# By which residuals of joints, which are rates, are velocities: they add up along a robot [m].
+LEVER = 10.0
 
 
 class Joints(NamedTuple):
@@ -24,6 +27,14 @@ class Joints(NamedTuple):
     # (n-1, 2) of the linear laws, in the plane (n-1, 1); see `joint_laws.linearize_axes` [N m s]
     torque: Array
     damping: Array  # of the same shape [N m s^2]
+
+
+@inlined
+def joints_residual(joints: Joints) -> float:
+    """Return what `joint_laws.axes_residual` does, as a velocity; 0 if they take no part."""
+    if not joints.take_part:
+        return 0.0
+    return LEVER * axes_residual(joints.laws, joints.axes, (joints.torque, joints.damping))
 
 
 class Problem(NamedTuple):

@@ -19,8 +19,15 @@ from snake_sim_ros.contact.laws import (
     rolls,
     sliding_disc,
 )
-from snake_sim_ros.contact.newton import joints_residual, line_search, move
-from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Problem, solve_contacts
+from snake_sim_ros.contact.newton import line_search, move
+from snake_sim_ros.contact.problem import (
+    ContactHistory,
+    Joints,
+    joints_residual,
+    Outcome,
+    Problem,
+    solve_contacts,
+)
 from snake_sim_ros.contact.sweeps import forget_others
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
 from snake_sim_ros.dynamics.compilation import compiled, inlined

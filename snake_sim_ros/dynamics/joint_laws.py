@@ -25,7 +25,7 @@ other methods the contacts are solved with linear laws of the joints, again and 
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,16 @@ class JointLaws(NamedTuple):
     inertia: float  # scale of 1/r: the moment of inertia across a link [kg m^2]
 
 
+class AxisPath(NamedTuple):
+    """A point of the path of `contact.central_path` and steps from it; see `joint_path`."""
+
+    point: Array  # (n-1, 2, 2) rate w [rad/s] and impulse P [N m s]
+    kept: Array  # (n-1, 2, 2) the last point
+    step: Array  # (n-1, 2, 4, 2) changes of w and P by the kinds of steps
+    slope: Array  # (n-1, 2) of the resolvent where steps begin [1]
+    reach: Array  # (n-1, 2) change of w - r P at which this slope changes [rad/s]
+
+
 class AxisLaws(NamedTuple):
     """The laws of the axes (yaw, pitch) in a part of a step, in impulses."""
 
@@ -73,6 +83,7 @@ class AxisLaws(NamedTuple):
     saved_iterate: Array  # (n-1, 2) [N m s]
     # (n-1, 2, 2) see `joint_drift.furthest_angles` [rad]; empty without stops
     furthest: Array
+    path: AxisPath
 
 
 def make_joint_laws(robot: Robot) -> JointLaws:
@@ -94,9 +105,11 @@ def make_joint_laws(robot: Robot) -> JointLaws:
 def make_axis_laws(robot: Robot) -> AxisLaws:
     """Return the arrays for a robot."""
     joints = robot.link_count - 1
-    axes = AxisLaws(*(np.zeros((joints, 2)) for _ in AxisLaws._fields))
+    path = AxisPath(*(np.zeros((joints, 2, *shape)) for shape in ((2,), (2,), (4, 2), (), ())))
     furthest = np.tile([-math.inf, math.inf], (joints if robot.joint_stop else 0, 2, 1))
-    return axes._replace(furthest=furthest)
+    arrays: list[Any] = [np.zeros((joints, 2)) for _ in AxisLaws._fields]
+    arrays[-2:] = furthest, path
+    return AxisLaws(*arrays)
 
 
 @inlined

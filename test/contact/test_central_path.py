@@ -23,14 +23,19 @@ from snake_sim_ros.contact.central_path import (
 )
 from snake_sim_ros.contact.delassus import end_twists
 from snake_sim_ros.dynamics.articulated_body import factor_chain, reset_chain
+from snake_sim_ros.dynamics.balance import axis_loads
+from snake_sim_ros.scene.parameters import with_settings
 from snake_sim_ros.stepping.methods import make_stepper
 
 REFLECTION = np.diag([1.0, -1.0, -1.0])
-STEPS = {  # with contacts on the floor, with cells and pegs, and between links
+SIDES = 'curled, friction 1.5'  # here with less friction forward and, by half, backward
+STEPS = {  # with contacts on the floor, with cells and pegs, between links, and dry joints
     'sinus lifting, friction 1.5': 1,
     'wedged, friction 1.5': 0,
     'curled, friction 1': 0,
     'cells and pegs, curled': 4,
+    'joint friction': 1,
+    SIDES: 0,
 }
 
 
@@ -52,7 +57,8 @@ def problem_of(name):
         raise FoundError(problem)
 
     step = load_hard_steps()[name][STEPS[name]]
-    stepper, iterate = make_stepper(step.scene), newton.iterate
+    sides = {'friction.longitudinal': 0.7, 'friction.backward': 1.05} if name == SIDES else {}
+    stepper, iterate = make_stepper(with_settings(step.scene, sides)), newton.iterate
     newton.iterate = stop
     try:
         stepper.advance(step.state, step.history, step.angle[None], step.rate[None])
@@ -97,7 +103,7 @@ def test_scaling_twice_is_its_square(seed):
 @pytest.mark.parametrize('name', STEPS)
 def test_it_leads_to_the_laws(name):
     problem = problem_of(name)
-    laws, closed, contacts, chain, _, _ = problem
+    laws, closed, contacts, chain, _, joints = problem
     path, solution = contacts.path, contacts.solution
     first = begin_path(problem)
     point, count, residual = follow_path(problem, first, 150, 1e-4)
@@ -114,11 +120,13 @@ def test_it_leads_to_the_laws(name):
     assert residual <= tolerance
     # The same impulses lead to these velocities through the chain without laws.
     gamma = solution.gamma[closed, :3].copy()
+    if joints.take_part:
+        axis_loads(joints.torque, joints.damping, chain)
     reset_chain(chain)
     factor_chain(chain)
     end_twists(closed, contacts, chain)
     assert np.abs(solution.gamma[closed, :3] - gamma).max() < 0.1 * tolerance
     assert np.abs(residual_on_path(problem, 0.0)[0] - residual) < tolerance
-    # A path in parts is the same as at once.
+    # A path in parts is that at once, but where the first step of a part is too long.
     _, whole, _ = follow_path(problem, begin_path(problem), 150, tolerance)
-    assert abs(whole - count - rest) <= 2
+    assert abs(whole - count - rest) <= 5

@@ -32,15 +32,8 @@ from snake_sim_ros.contact.laws import (
     sliding_disc,
 )
 from snake_sim_ros.contact.linear_problem import disc_law, linearize_disc, normal_law
-from snake_sim_ros.contact.newton import (
-    held_tolerance,
-    joints_error,
-    joints_residual,
-    law_error,
-    line_search,
-    move,
-)
-from snake_sim_ros.contact.problem import ContactHistory, Joints, Outcome, Solver
+from snake_sim_ros.contact.newton import held_tolerance, joints_error, law_error, line_search, move
+from snake_sim_ros.contact.problem import ContactHistory, Joints, joints_residual, Outcome, Solver
 from snake_sim_ros.contact.prox_iteration import copy_impulses, prox_sliding
 from snake_sim_ros.contact.radii import begin_to_follow, follow_loads
 from snake_sim_ros.contact.sweeps import forget_others, next_velocity

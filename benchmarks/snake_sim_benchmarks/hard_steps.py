@@ -63,6 +63,7 @@ WEDGE = {  # between two rows of pegs
     **undulation(0.7, -0.9, 2.0),
     'start.yaw': 0.0,
 }
+SCALES = {'friction.longitudinal': 0.7, 'friction.backward': 1.05, 'friction.transversal': 1.4}
 DRY = {'robot.joint_friction': 0.1, 'gait.soft_start': 3.0}
 LARGE = {'method': 'bdf2', 'dt': 1 / 200}
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -74,6 +75,7 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     'curled': ('lateral_undulation', CURLING),
     'curled, friction 1': ('lateral_undulation', {**CURLING, **friction(1.0)}),
     'curled, friction 1.5': ('lateral_undulation', {**CURLING, **friction(1.5)}),
+    'curled, scales': ('lateral_undulation', {**CURLING, **SCALES}),
     'curled, soft, friction 1.5': (
         'lateral_undulation', {**CURLING, **friction(1.5), **SOFT, 'robot.joint_limit': 1.5,
         'gait.yaw.amplitude': 1.2},

@@ -165,28 +165,32 @@ def nearest_on_pipe(
     return Near(distance, times(1.0 / distance, way), LINE, outer(axis, out), 0.0, 1.0)
 
 
+class Triangles(NamedTuple):
+    """Triangles of meshes."""
+
+    vertices: Array  # (v, 3) [m]
+    mean_normals: Array  # (v, 3) outward at the vertices; see `nearest_on_triangle`
+    corners: Array  # (t, 3) vertices of the triangles, counterclockwise from outside
+    normals: Array  # (t, 3) outward
+
+
 @inlined
-def nearest_on_triangle(vertices: Array, corners: Array, normals: Array, k: int, c: Three) -> Near:
+def nearest_on_triangle(mesh: Triangles, k: int, c: Three) -> Near:
     """
-    Return the nearest point of triangle k.
+    Return the nearest point of triangle k, as seen from c.
 
-    Parameters
-    ----------
-    vertices : ndarray, shape (v, 3)
-        [m]
-    corners : ndarray of int, shape (t, 3)
-        Those of a triangle are counterclockwise from outside.
-    normals : ndarray, shape (t, 3)
-        Unit vectors outward.
-    k : int
-    c : tuple of float
+    A vertex is seen from behind if its mean normal is, the sum of the normals around it, weighted
+    by the angles of the triangles [1]_: some of these may be seen from the other side than others.
 
+    .. [1] J. A. Baerentzen, H. Aanaes, "Signed distance computation using the angle weighted
+       pseudonormal", IEEE Trans. Visualization and Computer Graphics 11(3), 2005.
     """
-    normal = triple(normals, k)
+    vertices, corners = mesh.vertices, mesh.corners
+    normal = triple(mesh.normals, k)
     place = triple(vertices, corners[k, 0])
     height = inner(minus(c, place), normal)
     inside, square = True, math.inf
-    best, kind, along = place, POINT, normal
+    best, kind, along, facing = place, POINT, normal, normal
     for j in range(3):
         a, b = triple(vertices, corners[k, j]), triple(vertices, corners[k, (j + 1) % 3])
         side, apart = minus(b, a), minus(c, a)
@@ -199,6 +203,8 @@ def nearest_on_triangle(vertices: Array, corners: Array, normals: Array, k: int,
                 square, best = inner(way, way), way
                 kind = LINE if 0.0 < t < 1.0 else POINT
                 along = times(1.0 / math.sqrt(length), side)
+                corner = corners[k, j] if t == 0.0 else corners[k, (j + 1) % 3]
+                facing = normal if kind == LINE else triple(mesh.mean_normals, corner)
     if inside:
         if height >= 0.0:
             return Near(height, normal, PLANE, normal, 0.0, 1.0)
@@ -207,7 +213,7 @@ def nearest_on_triangle(vertices: Array, corners: Array, normals: Array, k: int,
     if distance < NEAREST:
         return Near(distance, normal, kind, along, 0.0, 1.0)
     way = times(1.0 / distance, best)
-    return Near(distance, way, kind, along, 0.0, inner(way, normal))
+    return Near(distance, way, kind, along, 0.0, inner(way, facing))
 
 
 class Axis(NamedTuple):

@@ -59,6 +59,7 @@ from snake_sim_ros.contact.shapes import (
     ROUGH,
     size_of,
     times,
+    Triangles,
     triple,
     TUBE,
 )
@@ -109,9 +110,7 @@ class Surroundings(NamedTuple):
     box_axes: Array  # (b, 3, 3) directions of the sides, in rows
     poles: Array  # (p, 8) start [m], direction, length [m], radius [m]
     pipes: Array  # (q, 9) start [m], direction, length, outer and inner radius [m]
-    vertices: Array  # (v, 3) [m]
-    corners: Array  # (t, 3) vertices of the triangles
-    normals: Array  # (t, 3) outward
+    triangles: Triangles
     edges: Array  # (e, 4, 3) both ends [m], and into both faces, at right angles to the edge
     tips: Array  # (c, 3) corners of solids [m]
     tip_begin: Array  # (c+1,) where the edges of a corner begin
@@ -181,9 +180,8 @@ def _shared_arrays(world: World) -> dict[str, Any]:
     a, b, c = (vertices[corners[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    (edges, edge_solid, tips, tip_edges, tip_solid), goes_on = _ridges(
-        solids, vertices, corners, normals, of_faces
-    )
+    triangles = Triangles(vertices, _mean_normals(vertices, corners, normals), corners, normals)
+    (edges, edge_solid, tips, tip_edges, tip_solid), goes_on = _ridges(solids, triangles, of_faces)
     pole_rows, pipe_rows = _axes(solids.poles), _axes(solids.pipes)
     box_reach = np.einsum('bj,bjk->bk', solids.box_half, np.abs(solids.box_axes))
     bars = np.concatenate([solids.poles[:, :7], solids.pipes[:, :7]])
@@ -208,9 +206,7 @@ def _shared_arrays(world: World) -> dict[str, Any]:
         'box_axes': solids.box_axes,
         'poles': pole_rows,
         'pipes': pipe_rows,
-        'vertices': vertices,
-        'corners': corners,
-        'normals': normals,
+        'triangles': triangles,
         'edges': edges,
         'tips': tips,
         'tip_begin': np.concatenate([[0], np.cumsum([len(each) for each in tip_edges])]).astype(
@@ -228,6 +224,19 @@ def _shared_arrays(world: World) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _mean_normals(vertices: Array, corners: Array, normals: Array) -> Array:
+    """Return the field of `shapes.Triangles`."""
+    total = np.zeros(vertices.shape)
+    for k in range(3):
+        here, after, before = (vertices[corners[:, (k + j) % 3]] for j in range(3))
+        one, other = after - here, before - here
+        lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+        angle = np.arccos(np.clip((one * other).sum(axis=1) / lengths, -1.0, 1.0))
+        np.add.at(total, corners[:, k], angle[:, None] * normals)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, size, out=total, where=size > 0.0)
+
+
 def _axes(bars: Array) -> Array:
     """Return start, direction, length and radii of bars that are given by both ends."""
     way = bars[:, 3:6] - bars[:, :3]
@@ -236,7 +245,7 @@ def _axes(bars: Array) -> Array:
 
 
 def _ridges(
-    solids: Solids, vertices: Array, corners: Array, normals: Array, of_faces: Array
+    solids: Solids, triangles: Triangles, of_faces: Array
 ) -> tuple[tuple[Array, Array, Array, list[Array], Array], Array]:
     """
     Return edges and their solids, corners, the edges at each, and their solids; and `goes_on`.
@@ -260,11 +269,11 @@ def _ridges(
             tips.append(center + (side * half) @ axes)
             tip_edges.append(-side[:, None] * axes)
             tip_solid.append(k)
-    if len(corners):
-        found, goes_on = _ridges_of_triangles(vertices, corners, normals)
+    if len(triangles.corners):
+        found, goes_on = _ridges_of_triangles(triangles)
         edges.append(found[0])
         edge_solid += of_faces[found[1]].tolist()
-        tips += list(vertices[found[2]])
+        tips += list(triangles.vertices[found[2]])
         tip_edges += found[3]
         tip_solid += of_faces[found[4]].tolist()
     ridges = (
@@ -275,7 +284,7 @@ def _ridges(
 
 
 def _ridges_of_triangles(
-    vertices: Array, corners: Array, normals: Array
+    triangles: Triangles,
 ) -> tuple[tuple[Array, Array, Array, list[Array], Array], Array]:
     """
     Return the convex edges and pointed corners of triangles, and which triangles go on.
@@ -294,6 +303,7 @@ def _ridges_of_triangles(
         Those whose plane is continued by others on all sides, at edges and corners.
 
     """
+    vertices, _, corners, normals = triangles
     ends = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)])
     opposite = np.concatenate([corners[:, (k + 2) % 3] for k in range(3)])
     face = np.tile(np.arange(len(corners)), 3)
@@ -359,7 +369,7 @@ def nearest_on_piece(world: Surroundings, item: int, c: Three) -> Near:
             (row[0], row[1], row[2]), (row[3], row[4], row[5]), row[6], (row[7], row[8]), c
         )
     item -= pipes
-    return nearest_on_triangle(world.vertices, world.corners, world.normals, item, c)
+    return nearest_on_triangle(world.triangles, item, c)
 
 
 @inlined

@@ -292,6 +292,30 @@ def test_a_ball_beside_a_solid_is_not_in_it():
         assert depth(thin, point) == pytest.approx(max(0.0, -min(gap, default=0.0)), abs=1e-12)
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_sharp_corners_are_seen_from_outside(seed):
+    # The triangle that such a point faces most is turned away from it.
+    rng, count = np.random.default_rng(seed), 0
+    while count < 5:
+        heights = rng.uniform(0.05, 0.5, (3, 3))
+        world = World(height_fields=(HeightField(heights=tuple(map(tuple, heights)), cell=0.1),))
+        (field,) = solids_of(world).meshes
+        for k, corner in enumerate(field.vertices):
+            faces = field.faces[(field.faces == k).any(axis=1)]
+            a, b, c = field.vertices[faces.T]
+            normal = np.cross(b - a, c - a)
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            way = rng.normal(size=(300, 3))
+            way *= 0.01 / np.linalg.norm(way, axis=1, keepdims=True)
+            nearest = (way @ (field.vertices[faces.ravel()] - corner).T <= 0.0).all(axis=1)
+            beside = np.abs(corner[:2] + way[:, :2] - 0.1).max(axis=1) > 0.1  # the field
+            facing = way @ normal.T
+            most = np.take_along_axis(facing, np.abs(facing).argmax(axis=1)[:, None], 1)[:, 0]
+            for d in way[beside & nearest & (most < 0.0) & (corner[2] > 0.02)][:2]:
+                count += 1
+                assert abs(depth(world, corner + d) - (RADIUS - 0.01)) < ROUNDING
+
+
 def test_a_capsule_has_few_contacts():
     up = [0.0, 0.0, 1.0]
     # Across a box that is shorter: on two edges, also when it is tilted a little.

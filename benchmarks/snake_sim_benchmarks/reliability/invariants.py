@@ -234,9 +234,11 @@ def _of_center(
     q_M = middle_coordinates(before, scene.dt)
     free = end_coordinates(q_M, after.u, scene.dt)
     gaps = np.array([_with_world(scene, q)[0][0] for q in (free, after.q)])
-    known = np.isfinite(gaps).all(axis=0)
+    known, left = np.isfinite(gaps).all(axis=0), np.isfinite(gaps[0])
     # Gaps are closed by a move that no velocity has; the center moves by no more than contacts do.
     closed = float(np.abs(np.diff(gaps[:, known], axis=0)).max(initial=0.0))
+    if scene.world:  # contacts that have another number after the move
+        closed = max(closed, float(-gaps[0, left & np.logical_not(known)].min(initial=0.0)))
     moved = center_of_mass(scene.robot, after.q) - center_of_mass(scene.robot, before.q)
     mean = 0.5 * scene.dt * (before.u[:, :3] + after.u[:, :3])
     error = float(np.abs(moved - m @ mean / m.sum()).max())

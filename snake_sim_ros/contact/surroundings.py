@@ -225,7 +225,7 @@ def _shared_arrays(world: World) -> dict[str, Any]:
 
 
 def _mean_normals(vertices: Array, corners: Array, normals: Array) -> Array:
-    """Return the field of `shapes.Triangles`."""
+    """Return the outward unit vectors at vertices, see `shapes.nearest_on_triangle`."""
     total = np.zeros(vertices.shape)
     for k in range(3):
         here, after, before = (vertices[corners[:, (k + j) % 3]] for j in range(3))

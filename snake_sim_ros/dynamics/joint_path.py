@@ -21,7 +21,7 @@ FLAT = 1e-6  # least slope of a resolvent with which a step is linear
 RATE, IMPULSE = range(2)
 
 
-class Round(NamedTuple):
+class Rounded(NamedTuple):
     """A value of a function of x that is round over s."""
 
     value: float
@@ -31,20 +31,20 @@ class Round(NamedTuple):
 
 
 @inlined
-def round_part(x: float, s: float) -> Round:
+def round_part(x: float, s: float) -> Rounded:
     """Return ``max(0, x)``, round over s > 0."""
     if x == -math.inf:
-        return Round(0.0, 0.0, 0.0, math.inf)
+        return Rounded(0.0, 0.0, 0.0, math.inf)
     root = math.sqrt(x * x + s * s)
     value = 0.5 * (root + x) if x > 0.0 else 0.5 * s * s / (root - x)
-    return Round(value, value / root, 0.5 * s / root, root)
+    return Rounded(value, value / root, 0.5 * s / root, root)
 
 
 @inlined
-def round_clamp(x: float, low: float, high: float, s: float) -> Round:
+def round_clamp(x: float, low: float, high: float, s: float) -> Rounded:
     """Return x, at least `low` and at most `high`, round over s > 0."""
     below, above = round_part(low - x, s), round_part(x - high, s)
-    return Round(
+    return Rounded(
         x + below.value - above.value,
         1.0 - below.slope - above.slope,
         below.change - above.change,
@@ -53,7 +53,9 @@ def round_clamp(x: float, low: float, high: float, s: float) -> Round:
 
 
 @inlined
-def round_resolvent(axes: AxisLaws, j: int, k: int, line: tuple[float, float], s: float) -> Round:
+def round_resolvent(
+    axes: AxisLaws, j: int, k: int, line: tuple[float, float], s: float
+) -> Rounded:
     """Return the rate w of axis k of joint j with ``w - r P = z``; `line` are r and z."""
     (r, z), F, L, V = line, axes.friction[j, k], axes.limit[j, k], axes.viscous[j, k]
     c, R = axes.torque[j, k], axes.damping[j, k]
@@ -66,7 +68,6 @@ def round_resolvent(axes: AxisLaws, j: int, k: int, line: tuple[float, float], s
     free, driven = 1.0 / (1.0 + r * V), 1.0 / (1.0 + r * (R + V))
     if R == 0.0 or L == math.inf:
         w, slope, change = driven * x, driven * slope, driven * change
-        w += driven * (r * c - at_rest) if L == math.inf else 0.0
     else:
         x -= at_rest
         first, last = (c - L) / (R * free) - r * L, (c + L) / (R * free) + r * L
@@ -77,7 +78,7 @@ def round_resolvent(axes: AxisLaws, j: int, k: int, line: tuple[float, float], s
         reach = min(reach, part.reach)
     end = round_clamp(w, axes.low[j, k], axes.high[j, k], s)
     change = end.slope * change + end.change
-    return Round(end.value, end.slope * slope, change, min(reach, end.reach))
+    return Rounded(end.value, end.slope * slope, change, min(reach, end.reach))
 
 
 @inlined
@@ -92,7 +93,7 @@ def begin_axes(axes: AxisLaws, loads: tuple[Array, Array]) -> None:
 
 
 @inlined
-def resolvent_at(laws: JointLaws, axes: AxisLaws, j: int, k: int, s: float) -> Round:
+def resolvent_at(laws: JointLaws, axes: AxisLaws, j: int, k: int, s: float) -> Rounded:
     """Return the resolvent of axis k of joint j at the point of the path."""
     r, point = 1.0 / (laws.inertia + axes.damping[j, k]), axes.path.point
     return round_resolvent(axes, j, k, (r, point[j, k, RATE] - r * point[j, k, IMPULSE]), s)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from functools import partial
 import operator
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -228,18 +228,11 @@ def gains() -> tuple[float, float]:
 # ---- robots that wait for each other ------------------------------------------------------------
 
 
-class Counts(NamedTuple):
-    """What each step of some robots took, shape (robots, steps)."""
-
-    iterations: Array
-    parts: Array
-
-
-def counts_of(scene: Scene, robots: int, seconds: float) -> Counts:
-    """Return the counts of perturbed scenes after their soft start."""
-    first, steps = round(BEGIN / scene.dt), round(seconds / scene.dt)
-    found = np.zeros((2, robots, steps))
-    for robot, other in enumerate(family(scene, robots)):
+def counts_of(scene: Scene) -> Array:
+    """Return iterations and parts of the steps of perturbed scenes, (2, ROBOTS, steps)."""
+    first, steps = round(BEGIN / scene.dt), round(TIME / scene.dt)
+    found = np.zeros((2, ROBOTS, steps))
+    for robot, other in enumerate(family(scene, ROBOTS)):
         simulation = Simulation(other)
         angle, rate = simulation.gait_reference(first + steps)
         simulation.advance(angle[:first], rate[:first])
@@ -247,7 +240,7 @@ def counts_of(scene: Scene, robots: int, seconds: float) -> Counts:
             now = slice(first + k, first + k + 1)
             report = simulation.advance(angle[now], rate[now])
             found[:, robot, k] = report.iterations, 1 + report.further_parts
-    return Counts(*found)
+    return found
 
 
 def kept_share(counts: Array, lanes: int = LANES) -> float:
@@ -267,7 +260,7 @@ def main() -> None:
     for name in CASES:
         for settings in METHODS_OF_CASES:
             scene = with_settings(load_scene(name), {**settings, 'level': 'spatial'})
-            counts = counts_of(scene, ROBOTS, TIME)
+            counts = counts_of(scene)
             shares = [kept_share(values) for values in counts]
             cells = [
                 f'{values.mean():.2f}, {values.mean() / share:.2f}'

@@ -44,10 +44,10 @@ from snake_sim_ros.dynamics.articulated_body import Chain, correct_chain, factor
 from snake_sim_ros.dynamics.balance import axis_loads, rates_of_twists
 from snake_sim_ros.dynamics.compilation import compiled, inlined
 from snake_sim_ros.dynamics.joint_path import (
+    add_steps_of_axes,
     axes_product,
     axes_way,
     begin_axes,
-    change_axes,
     copy_point,
     end_axes,
     linearize_on_path,
@@ -518,29 +518,17 @@ def size_of_step(problem: Problem, m: float, kind: int) -> float:
 
 
 @inlined
-def add_step(problem: Problem, kind: int, share: float, other: int) -> None:
-    """Add a share of another step to one."""
+def add_steps(problem: Problem, kind: int, one: int, share: float, other: int) -> None:
+    """Let a step be the sum of one and a share of another."""
     path, joints = problem.contacts.path, problem.joints
     if joints.take_part:
-        change_axes(joints.axes, kind, 1.0, share, other)
+        add_steps_of_axes(joints.axes, kind, one, share, other)
     for a in problem.closed:
         for j in range(3):
-            path.step_x[a, kind, j] += share * path.step_x[a, other, j]
-            path.step_y[a, kind, j] += share * path.step_y[a, other, j]
-            path.step_gamma[a, kind, j] += share * path.step_gamma[a, other, j]
-
-
-@inlined
-def set_step(problem: Problem, kind: int, share: float, other: int) -> None:
-    """Set a step to a share of another one."""
-    path, joints = problem.contacts.path, problem.joints
-    if joints.take_part:
-        change_axes(joints.axes, kind, 0.0, share, other)
-    for a in problem.closed:
-        for j in range(3):
-            path.step_x[a, kind, j] = share * path.step_x[a, other, j]
-            path.step_y[a, kind, j] = share * path.step_y[a, other, j]
-            path.step_gamma[a, kind, j] = share * path.step_gamma[a, other, j]
+            path.step_x[a, kind, j] = path.step_x[a, one, j] + share * path.step_x[a, other, j]
+            path.step_y[a, kind, j] = path.step_y[a, one, j] + share * path.step_y[a, other, j]
+            gamma = path.step_gamma[a, one, j] + share * path.step_gamma[a, other, j]
+            path.step_gamma[a, kind, j] = gamma
 
 
 @inlined
@@ -703,7 +691,7 @@ def follow_path(
         find_along(problem, m, smoothing)
         square = product(problem, m, ALONG, ALONG) + 1.0
         change = -product(problem, m, BACK, ALONG) / square
-        add_step(problem, BACK, change, ALONG)
+        add_steps(problem, BACK, BACK, change, ALONG)
         off = size_of_step(problem, m, BACK)
         corrections = corrections + 1 if off > OFF_PATH else 0
         if not off <= LOST or corrections > MOST_CORRECTIONS:
@@ -716,8 +704,7 @@ def follow_path(
         taken = step if off <= OFF_PATH else 0.0
         per_step = sign / math.sqrt(square)
         while True:
-            set_step(problem, TAKEN, 1.0, BACK)
-            add_step(problem, TAKEN, taken * per_step, ALONG)
+            add_steps(problem, TAKEN, BACK, taken * per_step, ALONG)
             falls = change + taken * per_step
             way = way_of(closed, contacts, TAKEN)
             if falls < -MOST_OF_WAY:
@@ -735,7 +722,7 @@ def follow_path(
         if taken > 0.0:
             find_second(problem, m * (1.0 + falls), smoothing * (1.0 + falls))
             change = -product(problem, m, SECOND, ALONG) / square
-            add_step(problem, SECOND, change, ALONG)
+            add_steps(problem, SECOND, SECOND, change, ALONG)
             if size_of_step(problem, m, SECOND) <= LOST:
                 share = min(1.0, MOST_OF_WAY * way_of(closed, contacts, SECOND))
                 move_on(problem, share, SECOND)

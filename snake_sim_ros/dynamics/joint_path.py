@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.dynamics.joint_laws import AxisLaws, JointLaws
+from snake_sim_ros.dynamics.kinematics import copy_rows
 from snake_sim_ros.scene.parameters import Array
 
 FLAT = 1e-6  # least slope of a resolvent with which a step is linear
@@ -133,38 +134,42 @@ def take_axes(axes: AxisLaws, loads: tuple[Array, Array], kind: int) -> None:
 
 
 @inlined
+def relative_step(laws: JointLaws, axes: AxisLaws, j: int, k: int, kind: int) -> float:
+    """Return a step of axis k of joint j, relative to where the slope of its resolvent changes."""
+    r, path = 1.0 / (laws.inertia + axes.damping[j, k]), axes.path
+    dz = path.step[j, k, kind, RATE] - r * path.step[j, k, kind, IMPULSE]
+    return dz / path.reach[j, k]
+
+
+@inlined
 def axes_product(laws: JointLaws, axes: AxisLaws, one: int, other: int) -> float:
-    """Return the inner product of two steps, relative to where slopes change."""
-    path, total = axes.path, 0.0
-    for j in range(len(path.slope)):
+    """Return the inner product of two steps of all axes; see `relative_step`."""
+    total = 0.0
+    for j in range(len(axes.path.step)):
         for k in range(2):
-            r = 1.0 / (laws.inertia + axes.damping[j, k])
-            dz = path.step[j, k, one, RATE] - r * path.step[j, k, one, IMPULSE]
-            dy = path.step[j, k, other, RATE] - r * path.step[j, k, other, IMPULSE]
-            total += dz / path.reach[j, k] * (dy / path.reach[j, k])
+            step = relative_step(laws, axes, j, k, one)
+            total += step * relative_step(laws, axes, j, k, other)
     return total
 
 
 @inlined
 def axes_way(laws: JointLaws, axes: AxisLaws, kind: int) -> float:
-    """Return by how much a step moves an axis toward where its slope changes, at most."""
-    path, largest = axes.path, 0.0
-    for j in range(len(path.slope)):
+    """Return the largest step of an axis; see `relative_step`."""
+    largest = 0.0
+    for j in range(len(axes.path.step)):
         for k in range(2):
-            r = 1.0 / (laws.inertia + axes.damping[j, k])
-            dz = path.step[j, k, kind, RATE] - r * path.step[j, k, kind, IMPULSE]
-            largest = max(largest, abs(dz) / path.reach[j, k])
+            largest = max(largest, abs(relative_step(laws, axes, j, k, kind)))
     return largest
 
 
 @inlined
-def change_axes(axes: AxisLaws, kind: int, before: float, share: float, other: int) -> None:
-    """Let a step be itself times `before`, and a share of another one."""
+def add_steps_of_axes(axes: AxisLaws, kind: int, one: int, share: float, other: int) -> None:
+    """Let a step be the sum of one and a share of another."""
     step = axes.path.step
     for j in range(len(step)):
         for k in range(2):
             for i in range(2):
-                step[j, k, kind, i] = before * step[j, k, kind, i] + share * step[j, k, other, i]
+                step[j, k, kind, i] = step[j, k, one, i] + share * step[j, k, other, i]
 
 
 @inlined
@@ -181,8 +186,7 @@ def move_axes_on(axes: AxisLaws, share: float, kind: int) -> None:
 def copy_point(point: Array, to: Array) -> None:
     """Copy a point (n-1, 2, 2)."""
     for j in range(len(point)):
-        for k in range(2):
-            to[j, k, RATE], to[j, k, IMPULSE] = point[j, k, RATE], point[j, k, IMPULSE]
+        copy_rows(point[j], to[j], 2)
 
 
 @inlined

@@ -11,6 +11,8 @@ gains over one robot after the other:
   have the same bits. For one robot, sweeps pack numbers of a link.
 - Robots wait for each other. In a step of all, iterations and parts are those of the robot that
   has most.
+
+In the same run, each method stands beside `mujoco.rollout` at the error that it makes.
 """
 
 from collections.abc import Callable
@@ -28,7 +30,20 @@ from numba.extending import intrinsic, models, register_model
 from numba.np.arrayobj import populate_array
 import numpy as np
 
-from snake_sim_benchmarks.comparison.ensembles import family
+from snake_sim_benchmarks.comparison.bench_rows import Row
+from snake_sim_benchmarks.comparison.bench_tables import (
+    cost_at,
+    of_step,
+    percent,
+    point,
+    sides,
+    speed,
+)
+from snake_sim_benchmarks.comparison.contenders import LOOSE_TOLERANCE
+from snake_sim_benchmarks.comparison.ensembles import entered_rows, family, spread_rows, trial_of
+from snake_sim_benchmarks.comparison.entrants import attempts, Entrant, mujoco
+from snake_sim_benchmarks.comparison.paths import compiled_course, ConvergedPaths
+from snake_sim_benchmarks.comparison.timing import REFERENCE_STEPS
 from snake_sim_ros import Simulation
 from snake_sim_ros.dynamics.articulated_body import Chain, factor_chain, reset_chain, solve_chain
 from snake_sim_ros.dynamics.balance import link_inertia
@@ -39,8 +54,10 @@ from snake_sim_ros.stepping.methods import METHODS
 from snake_sim_ros.stepping.model import make_model
 
 CASES = 'lateral_undulation', 'sidewinding', 'sinus_lifting'
-BDF2 = {'method': 'bdf2', 'dt': 1 / 50, 'solver.residual_tolerance': 1e-5}
-METHODS_OF_CASES = {'method': 'newton', 'dt': 1 / 1000}, BDF2
+OURS = (
+    Entrant('newton', 'default', (1000,), compiled_course, {'method': 'newton'}),
+    Entrant('bdf2', 'default', (50, 20), compiled_course, {'method': 'bdf2', **LOOSE_TOLERANCE}),
+)
 LANES = 4  # numbers of a register with AVX2, and robots that step together
 ROBOTS = 16
 ITERATING = 0.5  # share of a step that is iterations; 0.4 to 0.6 in these cases
@@ -249,27 +266,57 @@ def kept_share(counts: Array, lanes: int = LANES) -> float:
     return float(counts.mean() / together.mean())
 
 
+def gain_at_most(counts: Array, of_sweeps: float, of_rest: float) -> float:
+    """Return the gain of robots that wait for each other, from `counts_of` and `gains`."""
+    iterations, parts = (kept_share(values) for values in counts)
+    return 1.0 / (ITERATING / (of_sweeps * iterations) + (1.0 - ITERATING) / (of_rest * parts))
+
+
+# ---- beside MuJoCo ------------------------------------------------------------------------------
+
+
+def speeds(name: str, paths: ConvergedPaths) -> tuple[list[Row], list[Row]]:
+    """Return the rows of OURS and of MuJoCo: errors and times in the same perturbed scenes."""
+    scene = load_scene(name)
+    field = attempts([*OURS, *mujoco(name, quick=False)], ())
+    entered = list(entered_rows('ensemble', name, scene, field))
+    rows = spread_rows(entered, (trial_of(each, paths) for each in family(scene, ROBOTS)))
+    return sides(rows, 'ensemble', name)
+
+
 def main() -> None:
-    """Print the table of the page on learning."""
+    """Print the tables of the page on learning."""
     of_sweeps, of_rest = gains()
     print(
         f'{LANES} robots at once: {of_sweeps:.2f} times the sweeps, {of_rest:.2f} the inertias\n'
     )
     print('| case | method | iterations, largest of 4 | parts, largest of 4 | gain at most |')
     print('|---|---|---|---|---|')
+    at_most = {}
     for name in CASES:
-        for settings in METHODS_OF_CASES:
-            scene = with_settings(load_scene(name), {**settings, 'level': 'spatial'})
+        for entrant, rate in attempts(OURS, ()):
+            scene = entrant.scene(load_scene(name), 1 / rate)
             counts = counts_of(scene)
-            shares = [kept_share(values) for values in counts]
+            gain = at_most[name, scene.method, scene.dt] = gain_at_most(counts, of_sweeps, of_rest)
+            shown = ' | '.join(
+                f'{values.mean():.2f}, {values.mean() / kept_share(values):.2f}'
+                for values in counts
+            )
+            print(f'| `{name}` | `{scene.method}`, 1/{rate:g} s | {shown} | {gain:.1f} |')
+    print('\n| case | method | RMS error | alone | in lanes, at most | MuJoCo | ratios |')
+    print('|---|---|---|---|---|---|---|')
+    paths = ConvergedPaths(REFERENCE_STEPS)
+    for name in CASES:
+        ours, others = speeds(name, paths)
+        for row in ours:
+            cost, gain = row.seconds_per_second, at_most[name, row.method, row.dt]
+            rival = cost_at(map(point, others), row.error_rms)
+            ratios = '' if np.isnan(rival) else f'{rival / cost:.1f}, {gain * rival / cost:.1f}'
             cells = [
-                f'{values.mean():.2f}, {values.mean() / share:.2f}'
-                for values, share in zip(counts, shares, strict=True)
-            ]
-            iterations, rest = of_sweeps * shares[0], of_rest * shares[1]
-            gain = 1.0 / (ITERATING / iterations + (1.0 - ITERATING) / rest)
-            method = f'`{scene.method}`, 1/{round(1 / scene.dt)} s'
-            print(f'| `{name}` | {method} | {" | ".join(cells)} | {gain:.1f} |')
+                f'`{name}`', of_step(row), percent(row.error_rms), speed(cost),
+                speed(cost / gain), speed(rival), ratios,
+            ]  # fmt: skip
+            print(f'| {" | ".join(cells)} |')
 
 
 if __name__ == '__main__':

@@ -347,7 +347,7 @@ def ensemble(
 def _ensemble(
     scene: Scene, entered: Sequence[tuple[Entrant, Row]], paths: ConvergedPaths, size: int
 ) -> list[Row]:
-    return spread_rows(entered, (_trial(each, paths) for each in family(scene, size)))
+    return spread_rows(entered, (trial_of(each, paths) for each in family(scene, size)))
 
 
 def robust(scenes: Mapping[str, Scene], field: Field, paths: ConvergedPaths) -> Iterator[Entry]:
@@ -370,10 +370,11 @@ def _robust(
     scene: Scene, entered: Sequence[tuple[Entrant, Row]], paths: ConvergedPaths
 ) -> list[Row]:
     nearby = neighbors(scene).values()
-    return worst_rows(entered, (_trial(each, paths, factor) for each, factor in nearby))
+    return worst_rows(entered, (trial_of(each, paths, factor) for each, factor in nearby))
 
 
-def _trial(scene: Scene, paths: ConvergedPaths, step_factor: float = 1.0) -> Trial:
+def trial_of(scene: Scene, paths: ConvergedPaths, step_factor: float = 1.0) -> Trial:
+    """Return the trial of a scene, with errors from its converged path."""
     expected = paths.path(scene)
     error = partial(course_error, expected=expected)
     return Trial(scene, error, expected.doubt, step_factor=step_factor)

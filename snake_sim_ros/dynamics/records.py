@@ -116,14 +116,15 @@ class Block:
     Attributes
     ----------
     record : NamedTuple
-    kind : tuple
-        Its class and the kinds of its fields, see `kind_of`.
+    kind : tuple or None
+        Its class and the kinds of its fields, see `kind_of`; None where nothing is compiled.
     words : bytes
 
     """
 
     def __init__(self, record: Any) -> None:
         self.record = record
+        self.kind: Any = None
         if COMPILES:
             words: list[Any] = []
             self.kind = kind_of(record, words)
@@ -300,7 +301,11 @@ class Loop:
 
     def bound(self, model: Any, work: Any, steps: Any) -> BoundCall:
         """Return the call that takes steps, as often as it is made."""
+        return BoundCall(self.func, *self.blocks(model, work), Block(steps))
+
+    def blocks(self, model: Any, work: Any) -> list[Block]:
+        """Return the records that stay, as machine code takes them."""
         kept = {id(block.record): block for block in self._blocks}
         records = self.first, model, work
         self._blocks = [kept.get(id(record)) or Block(record) for record in records]
-        return BoundCall(self.func, *self._blocks, Block(steps))
+        return self._blocks

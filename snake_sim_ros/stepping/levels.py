@@ -11,7 +11,7 @@ the same state and the same contacts: pose, velocities and impulses are carried 
 """
 
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -196,6 +196,9 @@ class LevelMemory(NamedTuple):
         return memory.last_span() if memory else 0.0
 
 
+_compiled: set[Any] = set()  # what `LoopStepper.code` returned for levels of this process
+
+
 class LevelStepper:
     """
     A stepper of the planar level while that is exact, and of the spatial one otherwise.
@@ -228,7 +231,7 @@ class LevelStepper:
         self.pause_steps = round(SLIP_PAUSE / scene.dt)  # added to settle_steps in history
         self.ticks: list[Array] = []  # time stamps of the parts of the last call
         self.reason = ''  # why the last spatial steps were not planar
-        self.used: set[str] = set()  # levels that are compiled
+        self.used: set[str] = set()  # levels that took steps, or may
         self.compile_seconds = 0.0
         memory = LevelMemory(planar.empty.memory, spatial.empty.memory)
         self.empty = planar.empty._replace(memory=memory)
@@ -357,9 +360,12 @@ class LevelStepper:
             memory.slip[0] += 2.0 * self.planar.model.height * AUTO_ROLL
 
     def prepare(self, level: str, state: State) -> None:
-        """Compile a level that is not used yet, by a call without steps, and steps in place."""
+        """Compile a level, by a call without steps and steps in place, if this process did not."""
+        if level in self.used:
+            return
+        self.used.add(level)
         stepper: LoopStepper = self.planar if level == 'planar' else self.spatial
-        if level not in self.used:
+        if (code := stepper.code()) not in _compiled:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             if level == 'planar':
@@ -370,7 +376,7 @@ class LevelStepper:
             inputs = Inputs(none, none, stepper.no_samples, NO_PUSHES)
             self.take_steps(stepper, state, self.empty_history(), inputs)
             self.compile_seconds += time.perf_counter() - begin
-            self.used.add(level)
+            _compiled.add(code)
 
 
 def what_is_commanded(

@@ -113,6 +113,13 @@ class LoopStepper:
         """Return what a loop keeps for samples, in their memory where it can."""
         raise NotImplementedError
 
+    def code(self) -> Any:
+        """Return what is equal for steppers whose loops have the same machine code."""
+        if not isinstance(self.loop, Loop):
+            return self.loop
+        blocks = self.loop.blocks(self.model, self.work)
+        return self.level, self.loop.func, *(block.kind for block in blocks)
+
     def run_loop(self, steps: Steps) -> Report:
         """Run the loop over steps, which it changes in place."""
         self.loop(self.model, self.work, steps)

@@ -11,7 +11,7 @@ from snake_sim_ros.contact.problem import Solver
 from snake_sim_ros.contact.prox_iteration import MOST_CONDENSED_ROWS, ProxIteration
 from snake_sim_ros.dynamics.records import Loop
 from snake_sim_ros.scene.checked_records import ParameterError, quoted
-from snake_sim_ros.scene.obstacles import contact_count, is_flat
+from snake_sim_ros.scene.obstacles import contact_count
 from snake_sim_ros.scene.parameters import Scene
 from snake_sim_ros.stepping import levels
 from snake_sim_ros.stepping.accuracy import USUAL_ACCURACY, with_accuracy
@@ -191,14 +191,6 @@ def make_stepper(scene: Scene) -> Stepper:
             f'method {name} needs more memory than there is for the {contact_count(scene)} '
             f'contacts that this scene can have'
         ) from None
-
-
-def share_compiled(stepper: Stepper, scene: Scene, other: Stepper, other_scene: Scene) -> None:
-    """Tell the stepper of another scene which levels are compiled, if both have the same code."""
-    kinds = [(method_of(each), is_flat(each)) for each in (scene, other_scene)]
-    both = isinstance(stepper, levels.LevelStepper) and isinstance(other, levels.LevelStepper)
-    if both and kinds[0] == kinds[1]:
-        other.used |= stepper.used  # type: ignore[attr-defined]
 
 
 def empty_history(scene: Scene) -> History:

@@ -35,7 +35,7 @@ from snake_sim_ros.stepping.accuracy import RESIDUAL
 from snake_sim_ros.stepping.base import Stepper
 from snake_sim_ros.stepping.bdf2 import step as bdf2
 from snake_sim_ros.stepping.levels import is_vertical, what_is_not_flat
-from snake_sim_ros.stepping.methods import make_stepper, share_compiled
+from snake_sim_ros.stepping.methods import make_stepper
 from snake_sim_ros.stepping.samples import make_samples
 from snake_sim_ros.stepping.simulation import Simulation
 from snake_sim_ros.stepping.state import State
@@ -313,8 +313,6 @@ class Replay:
                 f'the recording has {len(self.segments)} segments of {settings.segment:g} s with '
                 f'enough samples, at least 2 are needed'
             )
-        self._known: Stepper | None = None
-        self._known_scene = scene
 
     def references(self, scene: Scene) -> tuple[Array, Array]:
         """Return the references of all steps with the delay of a scene, (steps, n-1, 2) each."""
@@ -388,22 +386,14 @@ class Replay:
         scenes = [scene]
         if scene.accuracy > 0.0:
             scenes.append(with_settings(scene, {'accuracy': 0.0}))
-        steppers = [self._stepper(each) for each in scenes]
+        steppers = [make_stepper(each) for each in scenes]
         found: list[list[Residual]] = [[] for _ in setups]
         for item in self.segments if segments is None else segments:
             motions = (self._motion(scene, each, item, commanded) for each in steppers)
             motion = next((each for each in motions if each is not None), None)
             for residuals, setup in zip(found, setups, strict=True):
                 residuals.append(self._residual(scene, item, motion, setup))
-        self._known = self._known or steppers[0]
         return found
-
-    def _stepper(self, scene: Scene) -> Stepper:
-        """Return the stepper of a scene, which knows what is compiled."""
-        stepper = make_stepper(scene)
-        if self._known:
-            share_compiled(self._known, self._known_scene, stepper, scene)
-        return stepper
 
     def _residual(
         self, scene: Scene, segment: Segment, motion: CubicHermiteSpline | None, setup: Setup

@@ -22,7 +22,7 @@ from snake_sim_ros.recording.recorded_runs import read_npz, write_npz
 from snake_sim_ros.scene.checked_records import ParameterError
 from snake_sim_ros.scene.parameters import samples_of, Scene, with_settings
 from snake_sim_ros.stepping.base import Status
-from snake_sim_ros.stepping.methods import share_compiled, with_usual_steps
+from snake_sim_ros.stepping.methods import with_usual_steps
 from snake_sim_ros.stepping.sampling import (
     Hooks,
     Keep,
@@ -252,17 +252,14 @@ class _Runner:
     def _run(self, scene: Scene) -> Trajectory:
         """Return the trajectory of a scene; Stopped if the study ends meanwhile."""
         steps, samples = samples_of(scene, self.plan.rate)
-        simulation, before = Simulation(scene), self.simulation
-        if before:
-            share_compiled(before.stepper, before.scene, simulation.stepper, scene)
-        self.simulation, limits = simulation, NO_LIMITS
+        self.simulation, limits = Simulation(scene), NO_LIMITS
         if self.plan.time_limit:  # a limit of unconverged steps, not reached, keeps calls short
             limits = Limits(self.plan.time_limit, steps * samples + 1)
         hooks = Hooks(progress=self._look, portion=self.portion)
         trajectory = sample(
-            simulation, steps, samples, keep=self.plan.keep, limits=limits, hooks=hooks
+            self.simulation, steps, samples, keep=self.plan.keep, limits=limits, hooks=hooks
         )
-        self.portion = int(PORTION_SECONDS * simulation.step_count / trajectory.seconds)
+        self.portion = int(PORTION_SECONDS * self.simulation.step_count / trajectory.seconds)
         return trajectory
 
     def _look(self, seconds: float) -> None:

@@ -14,16 +14,12 @@ push begins or ends in it, so are the times before and after, each of TICKS tick
 """
 
 import math
-from typing import NamedTuple, TYPE_CHECKING, TypeAlias
+from typing import NamedTuple, Protocol
 
 from snake_sim_ros.contact.problem import ContactHistory
 from snake_sim_ros.dynamics.compilation import inlined
 from snake_sim_ros.scene.parameters import Array
 from snake_sim_ros.stepping.pushes import PushTable, STEP, Stretch, whole_step
-
-if TYPE_CHECKING:
-    from snake_sim_ros.stepping.bdf2.motion import Bdf2Memory
-    from snake_sim_ros.stepping.planar.bdf2 import PlanarBdf2Memory
 
 # Phases: nothing is known of the motion; it starts smoothly here; the state before is known, too.
 UNKNOWN, ANEW, SMOOTH = 0.0, 1.0, 2.0
@@ -35,7 +31,25 @@ LEAST_ITERATIONS = 40  # enough for `newton` to hold the radii once
 GROW_SHARE = 0.15  # share of the tolerance of the path below which the next part is longer
 
 
-TwoSteps: TypeAlias = 'Bdf2Memory | PlanarBdf2Memory'
+class TwoSteps(Protocol):
+    """What the method keeps of the last step at each level; for units see `motion.Bdf2Memory`."""
+
+    @property
+    def reference_rate(self) -> Array: ...  # noqa: D102
+
+    @property
+    def dt(self) -> Array: ...  # noqa: D102
+
+    @property
+    def span(self) -> Array: ...  # noqa: D102
+
+    @property
+    def phase(self) -> Array: ...  # noqa: D102
+
+    @property
+    def ticks(self) -> Array: ...  # noqa: D102
+
+
 References = tuple[Array, Array]  # of the joints, (n-1, 2): angles [rad] and rates [rad/s]
 
 

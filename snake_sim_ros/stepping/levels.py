@@ -363,9 +363,9 @@ class LevelStepper:
         """Compile a level, by a call without steps and steps in place, if this process did not."""
         if level in self.used:
             return
-        self.used.add(level)
         stepper: LoopStepper = self.planar if level == 'planar' else self.spatial
-        if (code := stepper.code()) not in _compiled:
+        code = stepper.code()
+        if code is None or code not in _compiled:
             begin = time.perf_counter()
             none = np.zeros((0, self.scene.robot.link_count - 1, 2))
             if level == 'planar':
@@ -377,6 +377,7 @@ class LevelStepper:
             self.take_steps(stepper, state, self.empty_history(), inputs)
             self.compile_seconds += time.perf_counter() - begin
             _compiled.add(code)
+        self.used.add(level)
 
 
 def what_is_commanded(

@@ -114,9 +114,9 @@ class LoopStepper:
         raise NotImplementedError
 
     def code(self) -> Any:
-        """Return what is equal for steppers whose loops have the same machine code."""
+        """Return what steppers whose loops have the same machine code share; None without any."""
         if not isinstance(self.loop, Loop):
-            return self.loop
+            return None
         blocks = self.loop.blocks(self.model, self.work)
         return self.level, self.loop.func, *(block.kind for block in blocks)
 

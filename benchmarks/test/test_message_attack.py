@@ -36,9 +36,12 @@ def attacked(request):
 def test_gait_stands_a_hostile_clock(attacked):
     subject, process = attacked
     assert '/clock' in [topic.name for topic in subject.topics]
-    row = flooded(subject, process, '', 1, 1.0, 0)
-    assert row.tried > 1000 and not row.violations, row
-    assert 'time goes back and forth' in '\n'.join(process.lines)
+    for seed in range(5):  # on a busy machine the node may see few of the times
+        row = flooded(subject, process, '', 1, 1.0, seed)
+        assert row.tried > 1000 and not row.violations, row
+        if process.wait_until_said('time goes back and forth', 1.0):
+            return
+    pytest.fail('\n'.join(process.lines))
 
 
 @pytest.mark.parametrize('attacked', ['sim'], indirect=True)

@@ -37,7 +37,7 @@ from snake_sim_ros.contact.contacts import Contacts
 from snake_sim_ros.contact.delassus import Delassus, eliminate, end_twists
 from snake_sim_ros.contact.directions import add_contact_wrench, contact_velocities
 from snake_sim_ros.contact.laws import grip, Laws, natural_map, OtherFriction, rolls, sliding_disc
-from snake_sim_ros.contact.linear_problem import add_stiffness, count_single, load_chain
+from snake_sim_ros.contact.linear_problem import add_point_inertia, count_single, load_chain
 from snake_sim_ros.contact.problem import joints_residual, Problem
 from snake_sim_ros.contact.shapes import inner, moved, times, triple
 from snake_sim_ros.dynamics.articulated_body import Chain, correct_chain, factor_chain, reset_chain
@@ -276,13 +276,23 @@ def add_cones(closed: Array, contacts: Contacts, frame: Array | None, inertia: A
     """Add the stiffness of the closed contacts, none of two links, to inertias (n, 6, 6)."""
     geometry, stiffness = contacts.geometry, contacts.path.stiffness
     for a in closed:
-        normal, e_x, e_y = axes = axes_of(contacts, frame, a)
-        K = stiffness[a]
+        normal, e_x, e_y = axes_of(contacts, frame, a)
+        K, p = stiffness[a], triple(geometry.point, a)
         by_n = moved(moved(times(K[0, 0], normal), K[0, 1], e_x), K[0, 2], e_y)
         by_x = moved(moved(times(K[1, 0], normal), K[1, 1], e_x), K[1, 2], e_y)
         by_y = moved(moved(times(K[2, 0], normal), K[2, 1], e_x), K[2, 2], e_y)
-        point = triple(geometry.point, a)
-        add_stiffness(axes, (by_n, by_x, by_y), point, inertia[geometry.link[a]])
+        x = moved(moved(times(normal[0], by_n), e_x[0], by_x), e_y[0], by_y)
+        y = moved(moved(times(normal[1], by_n), e_x[1], by_x), e_y[1], by_y)
+        z = moved(moved(times(normal[2], by_n), e_x[2], by_x), e_y[2], by_y)
+        rows = (
+            moved(times(p[1], z), -p[2], y),  # p~ K
+            moved(times(p[2], x), -p[0], z),
+            moved(times(p[0], y), -p[1], x),
+            x,  # K
+            y,
+            z,
+        )
+        add_point_inertia(rows, p, inertia[geometry.link[a]])
 
 
 @compiled

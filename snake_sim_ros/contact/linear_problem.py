@@ -406,23 +406,11 @@ def add_point_law_in_frame(
     force = moved(force, newton.P_0[a, 1] - S_xN * shift, e_x)
     force = moved(force, newton.P_0[a, 2] - S_yN * shift, e_y)
     moment = outer(p, force)
-    for k in range(3):
-        wrench[k] += moment[k]
-        wrench[3 + k] += force[k]
     by_x = moved(moved(times(S_xN, normal), S_xx, e_x), S_xy, e_y)
     by_y = moved(moved(times(S_yN, normal), S_xy, e_x), S_yy, e_y)
-    add_stiffness(axes, (times(S_N, normal), by_x, by_y), p, inertia)
-
-
-@inlined
-def add_stiffness(
-    axes: tuple[Three, Three, Three], by: tuple[Three, Three, Three], point: Three, inertia: Array
-) -> None:
-    """Add J^T K J to an inertia (6, 6), with ``K = n by_n^T + e_x by_x^T + e_y by_y^T``."""
-    (normal, e_x, e_y), (by_n, by_x, by_y), p = axes, by, point
-    x = moved(moved(times(normal[0], by_n), e_x[0], by_x), e_y[0], by_y)
-    y = moved(moved(times(normal[1], by_n), e_x[1], by_x), e_y[1], by_y)
-    z = moved(moved(times(normal[2], by_n), e_x[2], by_x), e_y[2], by_y)
+    x = moved(moved(times(S_N * normal[0], normal), e_x[0], by_x), e_y[0], by_y)
+    y = moved(moved(times(S_N * normal[1], normal), e_x[1], by_x), e_y[1], by_y)
+    z = moved(moved(times(S_N * normal[2], normal), e_x[2], by_x), e_y[2], by_y)
     rows = (
         moved(times(p[1], z), -p[2], y),  # p~ K
         moved(times(p[2], x), -p[0], z),
@@ -431,6 +419,9 @@ def add_stiffness(
         y,
         z,
     )
+    for k in range(3):
+        wrench[k] += moment[k]
+        wrench[3 + k] += force[k]
     add_point_inertia(rows, p, inertia)
 
 

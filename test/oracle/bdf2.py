@@ -448,7 +448,7 @@ def _closing(
 
 
 def placed(
-    scene: Scene, terms: Formula, dynamics: Balance, contacts: Contacts, u_E: Array,
+    scene: Scene, terms: Formula, dynamics: Balance, contacts: Contacts, u_E: Array, gap: Array,
     start_gap: Array, few: bool,
 ) -> tuple[Motion, Array, Array]:  # fmt: skip
     """
@@ -456,28 +456,25 @@ def placed(
 
     The third array is that of all gaps at q_E.
 
-    `start_gap` is that at the start if any contact was deep there. Gaps are closed of contacts
-    that carry load, or that are deeper than at the start.
+    `gap` is that of `end_gaps`, and `start_gap` that at the start if any contact was deep there.
+    Gaps are closed of contacts that carry load, or that are deeper than at the start.
     """
-    robot, u = scene.robot, u_E
+    robot, W_tau, u = scene.robot, dynamics.W_tau, u_E
     left = left_gap(closed_gap(scene.solver.activation_tolerance, scene.dt))
     left = min(left, FLAT_GAP) if contacts.loaded.sum() > FEW else left
-
-    def reached() -> tuple[Motion, Array, Array]:
-        rate = (dynamics.W_tau.T @ u.ravel()).reshape(-1, 2)
+    for attempt in range(MOST_CLOSINGS + 1):
+        gap = gap - start_gap
+        closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | contacts.loaded)
+        if attempt < MOST_CLOSINGS and np.abs(gap[closes]).max(initial=0.0) > left:
+            u = u + closing_velocities(scene, dynamics, contacts, closes, gap, terms.h_q, few)
+        elif attempt > 0:
+            break
+        rate = (W_tau.T @ u.ravel()).reshape(-1, 2)
         end = end_of(robot, terms.hat, terms.h_q, terms.star.pose, rate, u)
         q_E = coordinates(robot, end.pose, end.angle)
-        return end, q_E, scene_gaps(scene, q_E)
-
-    found = reached()
-    for _ in range(MOST_CLOSINGS):
-        gap = found[2][contacts.active] - start_gap
-        closes = (np.abs(gap) <= most_closed(scene.dt)) & ((gap < 0.0) | contacts.loaded)
-        if np.abs(gap[closes]).max(initial=0.0) <= left:
-            break
-        u = u + closing_velocities(scene, dynamics, contacts, closes, gap, terms.h_q, few)
-        found = reached()
-    return found
+        gap_E = scene_gaps(scene, q_E)
+        gap = gap_E[contacts.active]
+    return end, q_E, gap_E
 
 
 def closed_at_end(contacts: Contacts, P_N: Array, gap: Array, tolerance: float) -> Array:
@@ -528,9 +525,8 @@ def part(
     meets = bool(laws.meets_stop(joint_rate).any())
     lands = meets or bool((contacts.shift[P[:, 0] > 0.0] != 0.0).any())
     anew = lands or jumps(contacts, P[:, 0], weight)
-    moving, closed = u_E, np.ones(len(P), dtype=bool)
+    gap, moving, closed = end_gaps(contacts, u_E, terms.h_q), u_E, np.ones(len(P), dtype=bool)
     if lands:  # (ix)
-        gap = end_gaps(contacts, u_E, terms.h_q)
         tolerance = closed_gap(scene.solver.activation_tolerance, scene.dt)
         closed = closed_at_end(contacts, P[:, 0], gap, tolerance)
         contacts = contacts.without_gaps(closed)
@@ -543,7 +539,7 @@ def part(
         q_A = coordinates(scene.robot, history.memory.end.pose, history.memory.end.angle)
         start_gap = np.minimum(scene_gaps(scene, q_A)[candidates.active], 0.0)
     few = len(P) <= MOST_CONDENSED
-    end, q_E, gap_E = placed(scene, terms, dynamics, candidates, moving, start_gap, few)
+    end, q_E, gap_E = placed(scene, terms, dynamics, candidates, moving, gap, start_gap, few)
     end = end._replace(rate=(dynamics.W_tau.T @ u_E.ravel()).reshape(-1, 2), u=u_E)
     took_part = np.zeros(len(history.impulse), dtype=bool)
     took_part[candidates.active] = True

@@ -114,8 +114,8 @@ def test_the_limit_bounds_all_parts_and_landings_of_a_step(limit):
     # A long robot that slides down a steep slope lands all the time, at large steps.
     settings = {
         'robot.link_count': 30,
-        'friction.longitudinal': 1.4,
-        'friction.transversal': 1.4,
+        'friction.longitudinal': 1.5,
+        'friction.transversal': 1.5,
         'gait.yaw.amplitude': 0.3,
         'gait.yaw.angular_frequency': 2.0,
         'gait.yaw.phase_lag': -0.5,

@@ -218,11 +218,9 @@ def place_end(
     left = left_gap(model.closed_gap)
     if loaded > FEW:
         left = min(left, FLAT_GAP)
-    for closings in range(most_closings + 1):
-        if closings > 0:
-            to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
-            if to_close <= left:
-                break
+    for attempt in range(most_closings + 1):
+        to_close, _ = gaps_to_close(most_closed(model.dt), 0.0, closed, contacts)
+        if to_close > left and attempt < most_closings:
             more = add_closing(closed, count, contacts)
             closing = Problem(laws, closed[:more], contacts, chain, pairs, joints)
             if more > count:
@@ -235,6 +233,8 @@ def place_end(
                     break
             keep_velocities(model.robot.places, work, move)
             add_velocities(move, own.moving)
+        elif attempt > 0:
+            break
         reach_end(h_q, model.robot.mass, own.star.pose, own.hat, own.moving)
         moving = own.moving
         chain_coordinates(robot.places, robot.mass, moving.pose, moving.angle, own.q)

@@ -122,7 +122,7 @@ PRESS_SPEED = 3e-8  # [m/s]
 
 # Moves of the configuration in a part that close gaps. There are none at the iteration limit: such
 # a part is not repeated if they drive links into an obstacle.
-MOST_CLOSINGS = 4
+MOST_CLOSINGS = 3
 
 # Where the controller may act. For both the method takes it at the end of the step.
 IMPLICIT_SCHEMES = ('average', 'end')
@@ -256,12 +256,12 @@ def solve_landing(
         meets = controller_impulses(
             model.robot.joint_laws, work.axes, loads, own.moving.rate, work.applied
         )
+        find_end_gaps(terms.h_q, closed, contacts)
         found = events(model, terms.h, closed, contacts)
         if meets:
             found = Events(True, True, found.closed)
         if not (found.lands and outcome.converged):
             break
-        find_end_gaps(terms.h_q, closed, contacts)
         count, impact = keep_closed(closed, contacts, model.closed_gap), True
         begin_impact(model.robot, work)
     return True, found, count
